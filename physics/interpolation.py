@@ -1,0 +1,49 @@
+"""Attitude between its samples: never across a gap."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+GAP_FACTOR = 1.5  # an interval longer than this many usual ones is a gap (one lost sample makes 2)
+
+
+def usual_interval(stamp: IntArray) -> float:
+    """Median sample interval in ns of stamps (n,) ns; infinite for fewer than two samples."""
+    return float(np.median(np.diff(stamp))) if len(stamp) > 1 else np.inf
+
+
+def bracket(stamp: IntArray, at: IntArray) -> tuple[IntArray, FloatArray, BoolArray]:
+    """Where times ``at`` (m,) ns lie among increasing stamps (n,) ns.
+
+    Returns index k (m,) and fraction f (m,) with ``at = stamp[k] + f (stamp[k+1] - stamp[k])``, f exactly 0 on a
+    stamp, and valid (m,): on a stamp, or between two neighbours no further apart than a usual interval allows.
+    """
+    last = max(len(stamp) - 2, 0)
+    k = np.clip(np.searchsorted(stamp, at, side="right") - 1, 0, len(stamp) - 1)
+    following = np.minimum(k + 1, len(stamp) - 1)
+    step = stamp[following] - stamp[k]
+    fraction = np.where(step > 0, (at - stamp[k]) / np.maximum(step, 1), 0.0)
+    on_stamp = at == stamp[k]
+    inside = (at > stamp[0]) & (k <= last) & (step > 0) & (step <= GAP_FACTOR * usual_interval(stamp))
+    return k.astype(np.int64), np.where(on_stamp, 0.0, fraction), on_stamp | inside
+
+
+def slerp(stamp: IntArray, rotation: Rotation, at: IntArray) -> tuple[Rotation, BoolArray]:
+    """``R(at) = R_k Exp(f Log(R_k^T R_k+1))`` for rotations (n,) at stamps (n,) ns.
+
+    Returns the rotations at the valid ones of ``at`` (m,) ns and the mask valid (m,): exact on a stamp, invalid
+    before the first, after the last and inside a gap.
+    """
+    k, fraction, valid = bracket(stamp, at)
+    k, fraction = k[valid], fraction[valid]
+    if not np.any(fraction):
+        return rotation[k], valid
+    start = rotation[k]
+    step = (start.inv() * rotation[np.minimum(k + 1, len(stamp) - 1)]).as_rotvec()
+    return start * Rotation.from_rotvec(step * fraction[:, None]), valid

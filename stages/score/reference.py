@@ -1,0 +1,80 @@
+"""References for ``R_m_s`` at the times of an estimate: truth, and two PHINS with known installation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from physics.interpolation import BoolArray, slerp, usual_interval
+from schemas.products import Alignment, Estimate, Status
+from schemas.rig import FloatArray
+from schemas.trial import ImuSeries, IntArray, Trial, Truth
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Another source's ``R_m_s``, where it has one.
+
+    rotation: (k,) at the times where valid (n,) is true. interval: s between its own samples. constant_std: (3,)
+    rad, uncertainty of a constant part of it (installation), m-axes.
+    """
+
+    name: str
+    rotation: Rotation
+    valid: BoolArray
+    interval: float
+    constant_std: FloatArray
+
+
+def truth_reference(truth: Truth, at: IntArray) -> Reference | None:
+    """Truth at the times ``at`` (n,) ns; None when it holds nothing."""
+    good = np.isfinite(truth.total).all(axis=1)
+    if not good.any():
+        return None
+    stamp = truth.stamp[good]
+    rotation, valid = slerp(stamp, Rotation.from_rotvec(truth.total[good]), at)
+    return Reference("truth", rotation, valid, usual_interval(stamp) * 1e-9, np.zeros(3))
+
+
+def phins_reference(trial: Trial, alignment: Alignment, at: IntArray) -> tuple[Reference | None, str]:
+    """``R_m_s = R_m_pm R_n_pm^T R_n_ps R_s_ps^T`` from both PHINS at the times ``at`` (n,) ns.
+
+    The installation ``R_imu_phins`` is the rig's where it is stated, else the alignment's estimate. Returns the
+    reference, or None and a sentence that says why there is none. PHINS stamps are PHINS's own clock: the sub-IMU's
+    time delay does not act on them.
+    """
+    units = [_attitude(trial.phins_main), _attitude(trial.phins_sub)]
+    if units[0] is None or units[1] is None:
+        return None, ""
+    mounts = [
+        _installation(trial.rig.installation_main, alignment.installation_main),
+        _installation(trial.rig.installation_sub, alignment.installation_sub),
+    ]
+    if mounts[0] is None or mounts[1] is None:
+        return None, "not scored against PHINS: the installation of a PHINS on its IMU is neither stated nor observable"
+    (R_n_pm, main_ok), (R_n_ps, sub_ok) = slerp(*units[0], at), slerp(*units[1], at)
+    both = main_ok & sub_ok
+    R_pm_ps = R_n_pm[both[main_ok]].inv() * R_n_ps[both[sub_ok]]
+    rotation = mounts[0][0] * R_pm_ps * mounts[1][0].inv()
+    interval = max(usual_interval(unit[0]) for unit in units if unit is not None) * 1e-9
+    return Reference("phins", rotation, both, interval, np.hypot(mounts[0][1], mounts[1][1])), ""
+
+
+def _attitude(series: ImuSeries | None) -> tuple[IntArray, Rotation] | None:
+    """Stamps and ``R_n_p`` of the samples that have an attitude; None when there are fewer than two."""
+    if series is None or series.attitude is None:
+        return None
+    norm = np.linalg.norm(series.attitude, axis=1)
+    good = np.isfinite(norm) & (norm > 0.5)
+    return (series.stamp[good], Rotation.from_quat(series.attitude[good])) if good.sum() > 1 else None
+
+
+def _installation(stated: FloatArray | None, estimated: Estimate | None) -> tuple[Rotation, FloatArray] | None:
+    """``R_imu_phins`` and its standard deviation (3,) rad; None when unknown."""
+    if stated is not None:
+        return Rotation.from_matrix(stated), np.zeros(3)
+    if estimated is None or estimated.status is Status.NOT_OBSERVABLE or not np.isfinite(estimated.value).all():
+        return None
+    return Rotation.from_rotvec(estimated.value), np.nan_to_num(np.asarray(estimated.std, dtype=float))

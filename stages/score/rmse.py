@@ -1,0 +1,101 @@
+"""Error of the total angle against each reference: ``e = Log(R_est R_ref^T)``, m-axes, RMSE per axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from schemas.products import Deformation, Score
+from schemas.rig import FloatArray
+from schemas.trial import Trial, Truth
+from stages.score.noise import reference_noise
+from stages.score.reference import Reference, phins_reference, truth_reference
+
+
+@dataclass(frozen=True)
+class Scoring:
+    """Scores against the references present, and a sentence for each that could not be used."""
+
+    scores: tuple[Score, ...]
+    notes: tuple[str, ...]
+
+
+def score(deformation: Deformation, trial: Trial, truth: Truth | None) -> tuple[Score, ...]:
+    """RMSE against truth and against the PHINS pair, where present and overlapping; see :func:`score_all`."""
+    return score_all(deformation, trial, truth).scores
+
+
+def score_all(deformation: Deformation, trial: Trial, truth: Truth | None) -> Scoring:
+    """Scores of an estimate against "truth" (if given) and "phins" (if both PHINS have attitude), with notes.
+
+    References are interpolated to the estimate's stamps, exactly where stamps agree and never across a gap; a
+    reference that does not overlap the estimate gives no score but a note.
+    """
+    references: list[Reference] = []
+    notes: list[str] = []
+    if truth is not None and len(truth.stamp):
+        found = truth_reference(truth, deformation.stamp)
+        references += [found] if found is not None else []
+    phins, note = phins_reference(trial, deformation.alignment, deformation.stamp)
+    references += [phins] if phins is not None else []
+    notes += [note] if note else []
+    scores = [_against(deformation, reference) for reference in references]
+    for reference, result in zip(references, scores):
+        if result is None:
+            notes.append(f"not scored against {reference.name}: it does not overlap the estimate in time")
+    return Scoring(tuple(s for s in scores if s is not None), tuple(notes))
+
+
+def angular_error(total: FloatArray, reference: Rotation) -> FloatArray:
+    """``Log(Exp(total) R_ref^T)``, (n, 3) rad."""
+    error: FloatArray = (Rotation.from_rotvec(total) * reference.inv()).as_rotvec()
+    return error
+
+
+def coverage(error: FloatArray, std: FloatArray) -> FloatArray:
+    """Share (3,) of errors (n, 3) within 1, 2 and 3 sigma (n, 3), over all axes; NaN where sigma is unknown."""
+    known = np.isfinite(std) & (std > 0)
+    if not known.any():
+        return np.full(3, np.nan)
+    ratio = np.abs(error[known]) / std[known]
+    return np.array([np.mean(ratio <= k) for k in (1.0, 2.0, 3.0)])
+
+
+def _against(deformation: Deformation, reference: Reference) -> Score | None:
+    total = deformation.total[reference.valid]
+    good = np.isfinite(total).all(axis=1)
+    if good.sum() < 2:
+        return None
+    stamp = deformation.stamp[reference.valid][good]
+    error = angular_error(total[good], reference.rotation[good])
+    variance = np.diagonal(deformation.covariance[reference.valid][good], axis1=1, axis2=2)
+    noise = (
+        np.zeros(3)
+        if reference.name == "truth"
+        else reference_noise(stamp, error, reference.interval, reference.constant_std)
+    )
+    return Score(
+        estimator=deformation.estimator,
+        reference=reference.name,
+        rmse=np.sqrt(np.mean(error**2, axis=0)),
+        duration=_scored_time(stamp),
+        samples=len(stamp),
+        stamp=stamp,
+        error=error,
+        predicted=_rms_sigma(variance),
+        reference_noise=noise,
+        coverage=coverage(error, np.sqrt(np.where(variance >= 0, variance, np.nan) + noise**2)),
+    )
+
+
+def _rms_sigma(variance: FloatArray) -> FloatArray:
+    """RMS (3,) of the estimator's own sigma; NaN where it gives none."""
+    known = np.isfinite(variance).all(axis=1) & (variance >= 0).all(axis=1)
+    return np.sqrt(variance[known].mean(axis=0)) if known.any() else np.full(3, np.nan)
+
+
+def _scored_time(stamp: np.ndarray) -> float:
+    """Seconds scored: samples times the usual interval, so that gaps do not count."""
+    return float(np.median(np.diff(stamp)) * len(stamp)) * 1e-9
