@@ -1,0 +1,1 @@
+"""Stages strung together: one log from file to published answer, and the command line."""

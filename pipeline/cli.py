@@ -1,0 +1,199 @@
+"""The command ``deckflex``. Heavy libraries are imported by the commands that need them, when they run."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pipeline import console
+from pipeline.files import check_input, check_target
+from pipeline.options import DEFAULT_ESTIMATOR, DEFAULT_IDENTIFIER, RunOptions
+from pipeline.registries import Kind, check_name, listing
+
+app = typer.Typer(
+    help="Deck deformation of ships from pairs of inertial units: MCAP logs in, angles with covariance out.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Log = Annotated[Path, typer.Argument(metavar="LOG", help="MCAP log of a trial.", show_default=False)]
+Rig = Annotated[Path | None, typer.Option("--rig", metavar="RIG.toml", help="Rig profile: topics, axes, units.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+Identifier = Annotated[str, typer.Option("--identifier", metavar="NAME", help="How the flexure is identified.")]
+Shape = Annotated[str | None, typer.Option("--shape", metavar="NAME", help="How the deck's shape is found.")]
+Rate = Annotated[float | None, typer.Option("--rrd-rate", metavar="HZ", min=0.01, help="Thin the recording.")]
+
+
+def main() -> None:
+    """Entry point of the command."""
+    debug = "--debug" in sys.argv[1:2]
+    sys.exit(console.guarded(app, debug=debug))
+
+
+def named(stage: str, option: str, name: str | None) -> None:
+    """Stop with exit status 2 and the list of names if there is no method of that name."""
+    try:
+        check_name(stage, name)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint=option) from error
+
+
+@app.callback()
+def root(debug: Annotated[bool, typer.Option("--debug", help="Show where an error arose.")] = False) -> None:
+    """Deck deformation of ships from pairs of inertial units: MCAP logs in, angles with covariance out."""
+
+
+@app.command(epilog="Example: deckflex run trial.mcap -o out.mcap --rrd out.rrd")
+def run(
+    log: Log,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="OUT.mcap", help="Log to write.")] = None,
+    rrd: Annotated[Path | None, typer.Option("--rrd", metavar="OUT.rrd", help="Rerun recording to write.")] = None,
+    parquet: Annotated[Path | None, typer.Option(metavar="DIR", help="Directory for tables to write.")] = None,
+    estimator: Annotated[str, typer.Option(metavar="NAME", help="How it is estimated.")] = DEFAULT_ESTIMATOR,
+    identifier: Identifier = DEFAULT_IDENTIFIER,
+    shape: Shape = None,
+    rig: Rig = None,
+    only_estimates: Annotated[bool, typer.Option("--only-estimates", help="Leave the original channels out.")] = False,
+    rrd_rate: Rate = None,
+    as_json: Json = False,
+) -> None:
+    """Find the deck's deformation in a log and write it as new channels and as a recording."""
+    from pipeline.documents import run_document
+    from pipeline.one_log import run_log
+    from pipeline.publishing import Outputs, check_outputs, write_outputs
+
+    named("estimate", "--estimator", estimator)
+    named("identify", "--identifier", identifier)
+    named("shape", "--shape", shape)
+    options = RunOptions(estimator, identifier, shape, rig)
+    outputs = Outputs(output, rrd, parquet, only_estimates, rrd_rate)
+    check_inputs(log, rig)
+    check_outputs(outputs, log, rig)
+    with console.progress_bar() as progress:
+        done, written = write_outputs(run_log(log, options, progress), outputs, progress)
+    if as_json:
+        console.emit(run_document(done, written))
+        return
+    from pipeline.printing import run_report
+
+    console.display(*run_report(done, written))
+
+
+@app.command(epilog="Example: deckflex compare trial.mcap --estimator smoother --estimator filter")
+def compare(
+    log: Log,
+    estimator: Annotated[list[str], typer.Option("--estimator", metavar="NAME", help="Repeat for each.")],
+    identifier: Identifier = DEFAULT_IDENTIFIER,
+    rig: Rig = None,
+    rrd: Annotated[Path | None, typer.Option("--rrd", metavar="OUT.rrd", help="Rerun recording to write.")] = None,
+    rrd_rate: Rate = None,
+    as_json: Json = False,
+) -> None:
+    """Run several estimators on one log and print their errors side by side."""
+    from pipeline.documents import compare_document
+    from pipeline.one_log import run_estimators
+    from pipeline.publishing import Outputs, check_outputs, write_comparison
+
+    for name in estimator:
+        named("estimate", "--estimator", name)
+    named("identify", "--identifier", identifier)
+    check_inputs(log, rig)
+    outputs = Outputs(rrd=rrd, rrd_rate=rrd_rate)
+    check_outputs(outputs, log, rig)
+    options = RunOptions(identifier=identifier, rig=rig)
+    with console.progress_bar() as progress:
+        runs = run_estimators(log, options, list(dict.fromkeys(estimator)), progress)
+        written = write_comparison(runs, outputs, progress)
+    if as_json:
+        console.emit(compare_document(runs, written))
+        return
+    from pipeline.printing import compare_report
+
+    console.display(*compare_report(runs, written))
+
+
+@app.command(epilog="Example: deckflex info trial.mcap")
+def info(log: Log, rig: Rig = None, as_json: Json = False) -> None:
+    """Say what a log holds: channels, rates, gaps, disorder, and what can be run on it."""
+    from pipeline.health import health_document, health_report, log_health
+
+    check_inputs(log, rig)
+    found = log_health(log, rig)
+    if as_json:
+        console.emit(health_document(found))
+    else:
+        console.display(*health_report(found))
+
+
+@app.command(epilog="Example: deckflex simulate idam -o trial.mcap --seed 1 --duration 600")
+def simulate(
+    twin: Annotated[str, typer.Argument(metavar="TWIN", help="TOML file, or name of a built-in one.")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="LOG", help="Log to write.")] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="Seed of all randomness.")] = None,
+    duration: Annotated[float | None, typer.Option(metavar="S", min=1.0, help="Length in seconds.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Make a log, with its truth, from a twin: a description of ship, sea and sensors."""
+    from pipeline.simulating import default_target, simulate_log
+
+    target = output or default_target(twin)
+    inputs = [Path(twin)] if Path(twin).is_file() else []
+    check_target(target, inputs)
+    with console.progress_bar() as progress:
+        made = simulate_log(twin, target, seed=seed, duration=duration, progress=progress)
+    if as_json:
+        console.emit(made)
+    else:
+        console.display(f"wrote {made['log']}: {made['duration_s']:.1f} s of {made['twin']}, seed {made['seed']}")
+
+
+@app.command("list", epilog="Example: deckflex list estimators")
+def list_(kind: Annotated[Kind, typer.Argument(help="What to list.")], as_json: Json = False) -> None:
+    """List what there is to choose from."""
+    entries = listing(kind)
+    if as_json:
+        console.emit({str(kind): [{"name": entry.name, "about": entry.about} for entry in entries]})
+        return
+    from pipeline.printing import listing_table
+
+    rows = [(entry.name, entry.about) for entry in entries]
+    console.display(listing_table(str(kind), rows) if rows else f"there are no {kind} in this version")
+
+
+@app.command(epilog="Example: deckflex view out.rrd")
+def view(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording (.rrd), or a log, which is run first.")],
+    rig: Rig = None,
+    web: Annotated[bool, typer.Option("--web", help="In the browser instead of a window.")] = False,
+) -> None:
+    """Open the Rerun viewer on a recording, on this machine only."""
+    from pipeline.viewer import view as open_viewer
+
+    check_inputs(file, rig)
+    with console.progress_bar() as progress:
+        open_viewer(file, RunOptions(rig=rig), web=web, progress=progress)
+
+
+@app.command(epilog="Example: deckflex version")
+def version(as_json: Json = False) -> None:
+    """Print the version."""
+    from pipeline.provenance import deckflex_version
+
+    document: dict[str, Any] = {"version": deckflex_version()}
+    if as_json:
+        console.emit(document)
+    else:
+        console.display(document["version"])
+
+
+def check_inputs(log: Path, rig: Path | None) -> None:
+    """Raise DataError unless the files can be read."""
+    for path in (log, rig):
+        if path is not None:
+            check_input(path)

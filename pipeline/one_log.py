@@ -1,0 +1,196 @@
+"""One log through all stages: decode, align, identify, estimate, shape, score.
+
+The stages are pure functions that meet in the data classes of ``schemas``; here they are strung together, timed, and
+what they found odd is gathered.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.options import RunOptions
+from pipeline.provenance import provenance, sha256_of
+from schemas.errors import DataError
+from schemas.products import Alignment, DeckShape, Deformation, Estimate, FlexureModel, Result, Score, Status
+from schemas.trial import Trial
+
+if TYPE_CHECKING:
+    from stages.decode import Decoded
+
+AXES = ("pitch x", "roll y", "heading z")
+SUSPICIOUS_RATIO = 3.0  # RMSE over predicted; the error is one slowly varying constant a run, so 2 happens by chance
+
+Progress = Callable[[str, int, int], None]
+"""Called with the step under way, how much of it is done and how much there is (0 of 0: not known)."""
+
+
+@dataclass(frozen=True)
+class LogRun:
+    """One estimator's answer on one log; seconds: wall time of each step, in the order they ran."""
+
+    path: Path
+    decoded: Decoded
+    identifier: str
+    result: Result
+    seconds: dict[str, float]
+
+    @property
+    def wall(self) -> float:
+        """Wall time of all steps so far, s."""
+        return sum(self.seconds.values())
+
+
+@dataclass
+class Steps:
+    """The clock of the pipeline: says what is under way and keeps what each step took."""
+
+    progress: Progress | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[Callable[[int, int], None]]:
+        """Time a block and tell the progress callback; yields a callback for the step's own progress."""
+        report = self._reporter(name)
+        report(0, 0)
+        start = time.perf_counter()
+        yield report
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+    def _reporter(self, name: str) -> Callable[[int, int], None]:
+        def report(done: int, total: int) -> None:
+            if self.progress is not None:
+                self.progress(name, done, total)
+
+        return report
+
+
+def run_log(path: Path, options: RunOptions | None = None, progress: Progress | None = None) -> LogRun:
+    """Everything one log has to say, by one estimator. Raises DataError, which names the file."""
+    options = options or RunOptions()
+    return run_estimators(path, options, [options.estimator], progress)[0]
+
+
+def run_estimators(
+    path: Path, options: RunOptions, estimators: Sequence[str], progress: Progress | None = None
+) -> tuple[LogRun, ...]:
+    """Several estimators on one decode, one alignment and one identification; their order is kept.
+
+    Raises DataError, which names the file, and ValueError for a name that is not registered.
+    """
+    try:
+        return _run_estimators(path, options, estimators, Steps(progress))
+    except DataError as error:
+        raise error.located(file=path) from error
+
+
+def _run_estimators(path: Path, options: RunOptions, estimators: Sequence[str], steps: Steps) -> tuple[LogRun, ...]:
+    from stages.align import align
+
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        sha256 = pool.submit(sha256_of, path)
+        with steps.step("decode") as report:
+            decoded = _decode(path, options, report)
+        origin = provenance(path, sha256.result(), options, decoded.trial.rig.name)
+    with steps.step("align"):
+        alignment = align(decoded.trial)
+    with steps.step("identify"):
+        flexure = _identify(options.identifier, decoded.trial, alignment)
+    runs = []
+    for name in estimators:
+        own = Steps(steps.progress, dict(steps.seconds))
+        result = _estimate(name, options, decoded, alignment, flexure, own)
+        result = replace(result, provenance={**origin, "option.estimator": name})
+        runs.append(LogRun(path, decoded, options.identifier, result, own.seconds))
+    return tuple(runs)
+
+
+def _decode(path: Path, options: RunOptions, report: Callable[[int, int], None]) -> Decoded:
+    from stages.decode import decode, load_rig
+
+    profile = load_rig(options.rig) if options.rig else None
+    return decode(path, profile, report)
+
+
+def _identify(name: str, trial: Trial, alignment: Alignment) -> FlexureModel:
+    from stages import identify
+
+    return identify.get(name)().identify(trial, alignment)
+
+
+def _estimate(
+    name: str, options: RunOptions, decoded: Decoded, alignment: Alignment, flexure: FlexureModel, steps: Steps
+) -> Result:
+    from stages import estimate
+    from stages.score import score_all
+
+    trial = decoded.trial
+    with steps.step("estimate"):
+        deformation = estimate.get(name)().estimate(trial, alignment, flexure)
+    with steps.step("deck shape"):
+        deck_shape, trouble = _shape(options.shape, trial, deformation)
+    with steps.step("score"):
+        scoring = score_all(deformation, trial, decoded.truth)
+    warnings = [*_warnings(trial, alignment, deformation, deck_shape, scoring.scores), *trouble, *scoring.notes]
+    return Result(deformation, deck_shape, scoring.scores, tuple(dict.fromkeys(warnings)), {})
+
+
+def _shape(name: str | None, trial: Trial, deformation: Deformation) -> tuple[DeckShape | None, tuple[str, ...]]:
+    """Shape of the deck where a sled was run; a bad sled record leaves the rest of the answer standing."""
+    from stages import shape
+
+    if trial.sliding is None or trial.sled is None:
+        return None, ()
+    try:
+        return shape.get(name or shape.names()[0])().shape(trial, deformation), ()
+    except DataError as error:
+        return None, (f"no deck shape: {error}",)
+
+
+def _warnings(
+    trial: Trial, alignment: Alignment, deformation: Deformation, deck_shape: DeckShape | None, scores: Sequence[Score]
+) -> tuple[str, ...]:
+    """What a person must know before trusting the figures, a sentence each."""
+    return (
+        *trial.notes,
+        *alignment.notes,
+        *_doubts("static angle", deformation.alignment.static),
+        *_doubts("time delay", deformation.alignment.time_delay),
+        *_flexure_doubts(deformation.flexure),
+        *deformation.notes,
+        *(deck_shape.notes if deck_shape else ()),
+        *(sentence for score in scores for sentence in _contradictions(score)),
+    )
+
+
+def _doubts(what: str, estimate: Estimate) -> tuple[str, ...]:
+    if estimate.status is Status.ESTIMATED:
+        return ()
+    return (f"{what} {_judged(estimate.status, estimate.reason)}",)
+
+
+def _flexure_doubts(flexure: FlexureModel) -> tuple[str, ...]:
+    axes = zip(AXES, flexure.status, flexure.reason, strict=True)
+    return tuple(f"flexure, {axis}: {_judged(s, why)}" for axis, s, why in axes if s is not Status.ESTIMATED)
+
+
+def _judged(status: Status, why: str) -> str:
+    return f"{status}: {why}" if why else f"{status}"
+
+
+def _contradictions(score: Score) -> list[str]:
+    """Axes on which a reference lies much further away than the estimate's own covariance and the reference allow."""
+    expected = np.hypot(score.predicted, score.reference_noise)
+    ratio = np.divide(score.rmse, expected, out=np.zeros(3), where=expected > 0)
+    return [
+        f"{axis}: the error against {score.reference} is {r:.1f} times what its covariance predicts"
+        for axis, r in zip(AXES, ratio, strict=True)
+        if r > SUSPICIOUS_RATIO
+    ]

@@ -1,0 +1,69 @@
+"""What there is: every list of names an engineer can choose from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib import import_module
+
+
+class Kind(StrEnum):
+    """The things that can be listed."""
+
+    ESTIMATORS = "estimators"
+    IDENTIFIERS = "identifiers"
+    SHAPES = "shapes"
+    EFFECTS = "effects"
+    TWINS = "twins"
+    EXPERIMENTS = "experiments"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One thing on a list: its name and what it is, in a line."""
+
+    name: str
+    about: str
+
+
+def listing(kind: Kind) -> tuple[Entry, ...]:
+    """All entries of a kind, in the order they were registered."""
+    return LISTINGS[kind]()
+
+
+def check_name(stage: str, name: str | None) -> None:
+    """Raise ValueError with the list of names unless the stage has a method of that name (None: its default)."""
+    if name is not None:
+        import_module(f"stages.{stage}").get(name)
+
+
+def _methods(stage: str) -> tuple[Entry, ...]:
+    module = import_module(f"stages.{stage}")
+    return tuple(Entry(name, _about(module.get(name))) for name in module.names())
+
+
+def _about(method: type) -> str:
+    """First line of a method's docstring, and where it comes from."""
+    line = (method.__doc__ or "").strip().split("\n")[0]
+    source = str(getattr(method, "source", ""))
+    return f"{line} [{source}]" if source else line
+
+
+def _twins() -> tuple[Entry, ...]:
+    twin = import_module("twin")
+    return tuple(Entry(name, getattr(twin.load_twin(name), "description", "")) for name in twin.built_in())
+
+
+def _none() -> tuple[Entry, ...]:
+    return ()
+
+
+LISTINGS: Mapping[Kind, Callable[[], tuple[Entry, ...]]] = {
+    Kind.ESTIMATORS: lambda: _methods("estimate"),
+    Kind.IDENTIFIERS: lambda: _methods("identify"),
+    Kind.SHAPES: lambda: _methods("shape"),
+    Kind.EFFECTS: _none,
+    Kind.TWINS: _twins,
+    Kind.EXPERIMENTS: _none,
+}

@@ -1,0 +1,52 @@
+"""A log from a twin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pipeline.files import staged, writing
+from pipeline.one_log import Progress, Steps
+from schemas.errors import DataError
+
+
+def simulate_log(
+    twin: str, target: Path, *, seed: int | None = None, duration: float | None = None, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Write the log of a twin (a TOML file or a built-in name) and say what was made.
+
+    seed and duration (s) stand in for the twin's own. The same twin, seed and version give the same bytes.
+    """
+    import numpy as np
+
+    from schemas.wire import write_log
+    from stages.publish.simulation import simulation_tables
+    from twin import load_twin
+    from twin import simulate as make
+
+    steps = Steps(progress)
+    loaded = load_twin(twin)
+    changes = {"seed": seed, "duration": duration}
+    settings = replace(loaded.run, **{key: value for key, value in changes.items() if value is not None})
+    with steps.step("simulate"):
+        simulation = make(replace(loaded, run=settings), np.random.default_rng(settings.seed))
+    with steps.step("write"), staged([target]) as (path,), writing(target):
+        tables = simulation_tables(simulation)
+        write_log(path, tables)
+    return {
+        "log": str(target),
+        "twin": loaded.name,
+        "seed": settings.seed,
+        "duration_s": settings.duration,
+        "messages": sum(len(table) for table in tables),
+        "wall_s": sum(steps.seconds.values()),
+    }
+
+
+def default_target(twin: str) -> Path:
+    """``<twin>.mcap`` here; an existing file is never replaced unless it was named. Raises DataError."""
+    target = Path(Path(twin).stem + ".mcap")
+    if target.exists():
+        raise DataError("exists already; name the log to write with -o", file=target)
+    return target
