@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from physics.interpolation import BoolArray, slerp, usual_interval
-from schemas.products import Alignment, Estimate, Status
+from schemas.installation import main_installation, sub_installation
+from schemas.products import Alignment
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial, Truth
 
@@ -48,18 +49,15 @@ def phins_reference(trial: Trial, alignment: Alignment, at: IntArray) -> tuple[R
     units = [_attitude(trial.phins_main), _attitude(trial.phins_sub)]
     if units[0] is None or units[1] is None:
         return None, ""
-    mounts = [
-        _installation(trial.rig.installation_main, alignment.installation_main),
-        _installation(trial.rig.installation_sub, alignment.installation_sub),
-    ]
-    if mounts[0] is None or mounts[1] is None:
+    main, sub = main_installation(trial.rig, alignment), sub_installation(trial.rig, alignment)
+    if main is None or sub is None:
         return None, "not scored against PHINS: the installation of a PHINS on its IMU is neither stated nor observable"
     (R_n_pm, main_ok), (R_n_ps, sub_ok) = slerp(*units[0], at), slerp(*units[1], at)
     both = main_ok & sub_ok
     R_pm_ps = R_n_pm[both[main_ok]].inv() * R_n_ps[both[sub_ok]]
-    rotation = mounts[0][0] * R_pm_ps * mounts[1][0].inv()
+    rotation = Rotation.from_matrix(main[0]) * R_pm_ps * Rotation.from_matrix(sub[0]).inv()
     interval = max(usual_interval(unit[0]) for unit in units if unit is not None) * 1e-9
-    return Reference("phins", rotation, both, interval, np.hypot(mounts[0][1], mounts[1][1])), ""
+    return Reference("phins", rotation, both, interval, np.hypot(main[1], sub[1])), ""
 
 
 def _attitude(series: ImuSeries | None) -> tuple[IntArray, Rotation] | None:
@@ -69,12 +67,3 @@ def _attitude(series: ImuSeries | None) -> tuple[IntArray, Rotation] | None:
     norm = np.linalg.norm(series.attitude, axis=1)
     good = np.isfinite(norm) & (norm > 0.5)
     return (series.stamp[good], Rotation.from_quat(series.attitude[good])) if good.sum() > 1 else None
-
-
-def _installation(stated: FloatArray | None, estimated: Estimate | None) -> tuple[Rotation, FloatArray] | None:
-    """``R_imu_phins`` and its standard deviation (3,) rad; None when unknown."""
-    if stated is not None:
-        return Rotation.from_matrix(stated), np.zeros(3)
-    if estimated is None or estimated.status is Status.NOT_OBSERVABLE or not np.isfinite(estimated.value).all():
-        return None
-    return Rotation.from_rotvec(estimated.value), np.nan_to_num(np.asarray(estimated.std, dtype=float))

@@ -1,0 +1,92 @@
+"""Attitude of the deck at the sub-IMU: ``R_n_s = R_n_m R_m_s``, or ``R_m(t0)_s`` where no attitude of m is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from physics.interpolation import GAP_FACTOR, slerp, usual_interval
+from schemas.installation import main_installation
+from schemas.products import Deformation
+from schemas.rig import FloatArray
+from schemas.trial import ImuSeries, IntArray, Trial
+
+ENU = "enu"
+START = "imu_main_start"
+
+
+@dataclass(frozen=True)
+class DeckAttitude:
+    """stamp: (k,) ns. quaternion: (k, 4) x, y, z, w, s into frame. frame: "enu", or "imu_main_start" (see below)."""
+
+    stamp: IntArray
+    quaternion: FloatArray
+    frame: str
+
+
+def deck_attitude(deformation: Deformation, trial: Trial) -> DeckAttitude:
+    """Attitude of s at the stamps of an estimate.
+
+    In ENU where the log knows the attitude of m (its own, or a PHINS with known installation ``R_m_p``:
+    ``R_n_m = R_n_p R_m_p^T``); stamps in a gap of that attitude are left out. Without any, in the frame
+    ``imu_main_start``: fixed in inertial space, m at the first stamp, carried on by the main gyro.
+    """
+    known = _attitude_of_main(deformation, trial)
+    frame, (stamp, R_f_m) = (ENU, known) if known is not None else (START, _gyro_attitude(deformation, trial.main))
+    main, valid = slerp(stamp, R_f_m, deformation.stamp)
+    R_f_s = main * Rotation.from_rotvec(deformation.total[valid])
+    return DeckAttitude(deformation.stamp[valid], R_f_s.as_quat(), frame)
+
+
+def _attitude_of_main(deformation: Deformation, trial: Trial) -> tuple[IntArray, Rotation] | None:
+    """Stamps and ``R_n_m``; None where the log has none."""
+    own = _samples(trial.main)
+    if own is not None:
+        return own
+    phins = _samples(trial.phins_main)
+    mount = main_installation(trial.rig, deformation.alignment)
+    if phins is None or mount is None:
+        return None
+    return phins[0], phins[1] * Rotation.from_matrix(mount[0]).inv()
+
+
+def _samples(series: ImuSeries | None) -> tuple[IntArray, Rotation] | None:
+    if series is None or series.attitude is None:
+        return None
+    norm = np.linalg.norm(series.attitude, axis=1)
+    good = np.isfinite(norm) & (norm > 0.5)
+    return (series.stamp[good], Rotation.from_quat(series.attitude[good])) if good.sum() > 1 else None
+
+
+def _gyro_attitude(deformation: Deformation, main: ImuSeries) -> tuple[IntArray, Rotation]:
+    """``R_m(t0)_m = prod Exp(omega_k dt_k)`` at the main IMU's stamps from t0, the estimate's first, onwards.
+
+    Across a gap the rate is the mean of the last sample before it and the first after.
+    """
+    first = int(np.searchsorted(main.stamp, deformation.stamp[0]))
+    stamp, gyro = main.stamp[first:], np.nan_to_num(main.gyro[first:])
+    dt = np.diff(stamp) * 1e-9
+    rate = gyro[1:].copy()
+    gaps = np.flatnonzero(dt > GAP_FACTOR * usual_interval(stamp) * 1e-9)
+    rate[gaps] = 0.5 * (gyro[gaps] + gyro[gaps + 1])
+    steps = np.vstack([np.zeros((1, 3)), rate * dt[:, None]])
+    return stamp, running_product(Rotation.from_rotvec(steps))
+
+
+def running_product(steps: Rotation) -> Rotation:
+    """``out[k] = steps[0] steps[1] ... steps[k]``, in blocks of sqrt(n) so that the loops stay short."""
+    n = len(steps)
+    width = int(np.ceil(np.sqrt(n)))
+    padded = np.zeros((width * width, 4))
+    padded[:, 3] = 1.0
+    padded[:n] = steps.as_quat()
+    blocks = padded.reshape(width, width, 4)
+    for j in range(1, width):
+        blocks[:, j] = (Rotation.from_quat(blocks[:, j - 1]) * Rotation.from_quat(blocks[:, j])).as_quat()
+    starts = [Rotation.identity()]
+    for block in blocks[:-1, -1]:
+        starts.append(starts[-1] * Rotation.from_quat(block))
+    before = np.repeat(Rotation.concatenate(starts).as_quat(), width, axis=0)
+    return Rotation.from_quat(before[:n]) * Rotation.from_quat(blocks.reshape(-1, 4)[:n])

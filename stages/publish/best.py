@@ -1,0 +1,23 @@
+"""The value to tell: the estimator's own where it refined one, else the alignment's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from schemas.products import Deformation, Estimate
+
+
+def time_delay(deformation: Deformation) -> Estimate:
+    """Time delay, s (> 0: the sub-IMU's stamps are late), with standard deviation."""
+    return deformation.parameters.get("time_delay", deformation.alignment.time_delay)
+
+
+def static_angle(deformation: Deformation) -> Estimate:
+    """Static angle (3,) rad, m-axes: the estimator's ``static_angle``, else the time mean of its static part."""
+    if "static_angle" in deformation.parameters:
+        return deformation.parameters["static_angle"]
+    static = deformation.alignment.static
+    known = np.isfinite(deformation.static_part).all(axis=1)
+    if not known.any():
+        return static
+    return Estimate(deformation.static_part[known].mean(axis=0), static.std, static.status, static.reason)

@@ -1,0 +1,79 @@
+"""Estimates written back: into a copy of the log, alone, or as Parquet tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from physics.units import ARCMIN
+from schemas.products import DeckShape, Deformation, Result
+from schemas.trial import Trial
+from schemas.wire import append_tables, write_log
+from stages.publish.tables import MAIN_FRAME, result_tables
+
+RECORD = "deckflex"  # name of the metadata record that says how the estimates came about
+
+
+def publish_log(
+    result: Result,
+    trial: Trial,
+    source: Path,
+    target: Path,
+    only_estimates: bool = False,
+    frame: str = MAIN_FRAME,
+) -> None:
+    """Write target: the source log with the result's channels appended, or those channels alone.
+
+    The source is never changed; target appears whole or not at all. Provenance goes into a metadata record
+    named "deckflex". frame: frame_id of the main IMU.
+    """
+    tables = result_tables(result, trial, frame)
+    metadata = {RECORD: {key: str(value) for key, value in result.provenance.items()}}
+    if only_estimates:
+        write_log(target, tables, metadata=metadata)
+    else:
+        append_tables(source, target, tables, metadata=metadata)
+
+
+def write_parquet(result: Result, directory: Path, stem: str) -> tuple[Path, ...]:
+    """``<stem>.deformation.parquet`` and, with a deck shape, ``<stem>.deck_shape.parquet``; returns their paths."""
+    frames = {"deformation": deformation_frame(result.deformation)}
+    if result.deck_shape is not None:
+        frames["deck_shape"] = deck_shape_frame(result.deck_shape)
+    directory.mkdir(parents=True, exist_ok=True)
+    return tuple(_write(frame, directory / f"{stem}.{name}.parquet") for name, frame in frames.items())
+
+
+def _write(frame: pl.DataFrame, path: Path) -> Path:
+    partial = path.with_name(f".{path.name}.partial")
+    frame.write_parquet(partial)
+    partial.replace(path)
+    return path
+
+
+def deformation_frame(deformation: Deformation) -> pl.DataFrame:
+    """One row per sample: time (UTC), angles and standard deviations in arcminutes, m-axes."""
+    std = np.sqrt(np.diagonal(deformation.covariance, axis1=1, axis2=2))
+    parts = {
+        "total": deformation.total,
+        "static": deformation.static_part,
+        "dynamic": deformation.dynamic_part,
+        "std": std,
+    }
+    columns = {
+        f"{name}_{axis}_arcmin": values[:, i] / ARCMIN for name, values in parts.items() for i, axis in enumerate("xyz")
+    }
+    return pl.DataFrame({"time": deformation.stamp.view("datetime64[ns]"), **columns})
+
+
+def deck_shape_frame(shape: DeckShape) -> pl.DataFrame:
+    """The curves over all runs, one row per place: rad/m and m, as in DeckShape."""
+    curves = {
+        f"{name}{suffix}_rad_per_m": values[:, i]
+        for suffix, values in (("", shape.curvature), ("_std", shape.std))
+        for i, name in enumerate(("vertical_curvature", "torsion", "horizontal_curvature"))
+    }
+    line = {f"line_{axis}_m": shape.line[:, i] for i, axis in enumerate("xyz")}
+    return pl.DataFrame({"arc_length_m": shape.arc_length, **curves, **line, "exceeds_limit": shape.exceeds.any(1)})
