@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -30,10 +31,10 @@ Shape = Annotated[str | None, typer.Option("--shape", metavar="NAME", help="How 
 Rate = Annotated[float | None, typer.Option("--rrd-rate", metavar="HZ", min=0.01, help="Thin the recording.")]
 
 
-def main() -> None:
-    """Entry point of the command."""
-    debug = "--debug" in sys.argv[1:2]
-    sys.exit(console.guarded(app, debug=debug))
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Entry point of the command; arguments None: those of the process. Exits with the command's status."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    sys.exit(console.guarded(lambda: app(words, prog_name="deckflex"), debug="--debug" in words[:1]))
 
 
 def named(stage: str, option: str, name: str | None) -> None:

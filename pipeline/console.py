@@ -12,11 +12,13 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from pipeline.files import reason
-from pipeline.one_log import Progress
 from schemas.errors import DataError
+
+if TYPE_CHECKING:
+    from pipeline.one_log import Progress
 
 BAD_DATA = 1
 INTERRUPTED = 128 + signal.SIGINT

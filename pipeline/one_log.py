@@ -21,6 +21,7 @@ from pipeline.provenance import provenance, sha256_of
 from schemas.errors import DataError
 from schemas.products import Alignment, DeckShape, Deformation, Estimate, FlexureModel, Result, Score, Status
 from schemas.trial import Trial
+from stages.publish.best import static_angle, time_delay
 
 if TYPE_CHECKING:
     from stages.decode import Decoded
@@ -107,7 +108,7 @@ def _run_estimators(path: Path, options: RunOptions, estimators: Sequence[str], 
     for name in estimators:
         own = Steps(steps.progress, dict(steps.seconds))
         result = _estimate(name, options, decoded, alignment, flexure, own)
-        result = replace(result, provenance={**origin, "option.estimator": name})
+        result = replace(result, provenance={**origin, "estimator": name})
         runs.append(LogRun(path, decoded, options.identifier, result, own.seconds))
     return tuple(runs)
 
@@ -161,8 +162,8 @@ def _warnings(
     return (
         *trial.notes,
         *alignment.notes,
-        *_doubts("static angle", deformation.alignment.static),
-        *_doubts("time delay", deformation.alignment.time_delay),
+        *_doubts("static angle", static_angle(deformation)),
+        *_doubts("time delay", time_delay(deformation)),
         *_flexure_doubts(deformation.flexure),
         *deformation.notes,
         *(deck_shape.notes if deck_shape else ()),

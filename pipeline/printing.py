@@ -11,6 +11,7 @@ from rich.table import Table
 from physics.units import ARCMIN
 from pipeline.one_log import AXES, LogRun
 from schemas.products import DeckShape, Estimate, FlexureModel, Score, Status
+from stages.publish.best import static_angle, time_delay
 
 CURVES = ("vertical (x)", "torsion (y)", "horizontal (z)")
 
@@ -22,7 +23,7 @@ def run_report(run: LogRun, written: Mapping[str, str]) -> list[object]:
         heading(run),
         angle_table(run),
         "",
-        f"time delay  {delay_line(deformation.alignment.time_delay)}",
+        f"time delay  {delay_line(time_delay(deformation))}",
     ]
     parts += [f"used        {', '.join(deformation.used) or 'not stated'}"]
     if run.result.deck_shape is not None:
@@ -47,11 +48,11 @@ def angle_table(run: LogRun) -> Table:
     scores = run.result.scores
     columns = ["static angle [′]", "flexure σ [′]", "μ [1/s]", "λ [rad/s]", "predicted σ [′]"]
     table = _table("axis", *columns, *(f"RMSE vs {score.reference} [′]" for score in scores))
-    sigma = np.sqrt(np.mean(np.diagonal(deformation.covariance, axis1=1, axis2=2), axis=0))
+    sigma = np.sqrt(np.nanmean(np.diagonal(deformation.covariance, axis1=1, axis2=2), axis=0))
     for axis, name in enumerate(AXES):
         table.add_row(
             name,
-            _static(deformation.alignment.static, axis),
+            _static(static_angle(deformation), axis),
             *_flexure_cells(deformation.flexure, axis),
             angle(sigma[axis]),
             *(_rmse(score, axis) for score in scores),

@@ -27,11 +27,11 @@ def sha256_of(path: Path) -> str:
 
 def provenance(log: Path, sha256: str, options: RunOptions, rig_name: str) -> Mapping[str, str]:
     """All that a second run needs to give the same figures. No clock: the same input gives the same bytes."""
-    stated = {f"option.{name}": value for name, value in options.as_text().items() if name != "rig"}
+    stated = {name: value for name, value in options.as_text().items() if name != "rig"}
     rig = {"rig": rig_name, "rig.sha256": sha256_of(options.rig)} if options.rig else {"rig": rig_name}
     libraries = {name: version(name) for name in ("numpy", "scipy", "numba")}
     return {
-        "software": f"deckflex {deckflex_version()}",
+        "deckflex": deckflex_version(),
         "python": platform.python_version(),
         **libraries,
         "log": log.name,

@@ -9,17 +9,17 @@ from pathlib import Path
 from pipeline.files import check_targets, staged, writing
 from pipeline.one_log import LogRun, Progress, Steps
 from schemas.errors import DataError
-from schemas.wire import Table
 
 OWN_TOPICS = "/deckflex/"
-METADATA_NAME = "deckflex"
+
+Writer = Callable[[Path], None]
 
 
 @dataclass(frozen=True)
 class Outputs:
     """Files to write; None: not wanted. rrd_rate: Hz at most in the recording (None: every sample).
 
-    only_estimates: leave the original channels out of the log. parquet: a directory, one file a channel in it.
+    only_estimates: leave the original channels out of the log. parquet: a directory for tables.
     """
 
     log: Path | None = None
@@ -45,30 +45,40 @@ def check_outputs(outputs: Outputs, log: Path, rig: Path | None = None) -> None:
 
 def write_outputs(run: LogRun, outputs: Outputs, progress: Progress | None = None) -> tuple[LogRun, dict[str, str]]:
     """Write what is wanted. Returns the run with the time it took, and the files by kind. Raises DataError."""
-    steps = Steps(progress, dict(run.seconds))
-    files, tables = outputs.files, _tables(run, outputs)
-    parquet = {} if outputs.parquet is None else _parquet_files(outputs.parquet, tables)
-    targets = [*files.values(), *parquet]
-    writers: dict[str, Callable[[Path], None]] = {
-        "log": lambda path: _write_log(path, run, tables, outputs),
+    if not outputs.files and outputs.parquet is None:
+        return run, {}
+    writers: dict[str, Writer] = {
+        "log": lambda path: _write_log(path, run, outputs),
         "recording": lambda path: _write_recording(path, run, outputs),
     }
-    with steps.step("write"), staged(targets) as temporary:
-        for (kind, target), path in zip(files.items(), temporary):
+    steps = Steps(progress, dict(run.seconds))
+    with steps.step("write"):
+        written = _write_all(outputs.files, writers, lambda: _write_parquet(run, outputs.parquet))
+    return replace(run, seconds=steps.seconds), written
+
+
+def write_comparison(runs: Sequence[LogRun], outputs: Outputs, progress: Progress | None = None) -> dict[str, str]:
+    """One recording with every estimator's curves in it, if it is wanted. Raises DataError."""
+    from stages.publish.rerun_bridge import save_comparison
+
+    def write(path: Path) -> None:
+        decoded = runs[0].decoded
+        save_comparison([run.result for run in runs], decoded.trial, path, truth=decoded.truth, rate=outputs.rrd_rate)
+
+    with Steps(progress).step("write"):
+        return _write_all(outputs.files, {"recording": write}, dict)
+
+
+def _write_all(
+    files: Mapping[str, Path], writers: Mapping[str, Writer], others: Callable[[], dict[str, str]]
+) -> dict[str, str]:
+    """Every file under a temporary name first; all of them appear at once, or none."""
+    with staged(list(files.values())) as temporary:
+        for (kind, target), path in zip(files.items(), temporary, strict=True):
             with writing(target):
                 writers[kind](path)
-        for (target, table), path in zip(parquet.items(), temporary[len(files) :], strict=True):
-            with writing(target):
-                _write_parquet(path, table)
-    written = {kind: str(path) for kind, path in files.items()}
-    if outputs.parquet is not None:
-        written["tables"] = str(outputs.parquet)
-    return (replace(run, seconds=steps.seconds) if targets else run), written
-
-
-def parquet_name(topic: str) -> str:
-    """File name of a topic's table; nothing in a topic can lead out of the directory."""
-    return topic.strip("/").replace("/", ".") + ".parquet"
+        also = others()
+    return {kind: str(path) for kind, path in files.items()} | also
 
 
 def _check_first_run(log: Path) -> None:
@@ -80,22 +90,10 @@ def _check_first_run(log: Path) -> None:
         raise DataError(problem, file=log, channel=own[0])
 
 
-def _tables(run: LogRun, outputs: Outputs) -> Sequence[Table]:
-    if outputs.log is None and outputs.parquet is None:
-        return ()
-    from stages.publish.tables import result_tables
+def _write_log(path: Path, run: LogRun, outputs: Outputs) -> None:
+    from stages.publish.log import publish_log
 
-    return result_tables(run.result, run.decoded.trial)
-
-
-def _write_log(path: Path, run: LogRun, tables: Sequence[Table], outputs: Outputs) -> None:
-    from schemas.wire import append_tables, write_log
-
-    metadata = {METADATA_NAME: dict(run.result.provenance)}
-    if outputs.only_estimates:
-        write_log(path, tables, metadata=metadata)
-    else:
-        append_tables(run.path, path, tables, metadata=metadata)
+    publish_log(run.result, run.decoded.trial, run.path, path, only_estimates=outputs.only_estimates)
 
 
 def _write_recording(path: Path, run: LogRun, outputs: Outputs) -> None:
@@ -104,13 +102,11 @@ def _write_recording(path: Path, run: LogRun, outputs: Outputs) -> None:
     save_run(run.result, run.decoded.trial, path, truth=run.decoded.truth, rate=outputs.rrd_rate)
 
 
-def _parquet_files(directory: Path, tables: Sequence[Table]) -> Mapping[Path, Table]:
+def _write_parquet(run: LogRun, directory: Path | None) -> dict[str, str]:
+    if directory is None:
+        return {}
+    from stages.publish.log import write_parquet
+
     with writing(directory):
-        directory.mkdir(parents=True, exist_ok=True)
-    return {directory / parquet_name(table.topic): table for table in tables}
-
-
-def _write_parquet(path: Path, table: Table) -> None:
-    import polars as pl
-
-    pl.DataFrame(dict(table.columns)).write_parquet(path)
+        paths = write_parquet(run.result, directory, run.path.stem)
+    return {f"table {path.name.split('.')[-2]}": str(path) for path in paths}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,23 +21,24 @@ def simulate_log(
 
     from schemas.wire import write_log
     from stages.publish.simulation import simulation_tables
-    from twin import load_twin
-    from twin import simulate as make
+    from twin import load_twin, make_twin, simulate
 
     steps = Steps(progress)
     loaded = load_twin(twin)
     changes = {"seed": seed, "duration": duration}
-    settings = replace(loaded.run, **{key: value for key, value in changes.items() if value is not None})
+    table = loaded.model_dump(exclude_none=True)
+    table["run"] |= {key: value for key, value in changes.items() if value is not None}
+    settled = make_twin(table, file=twin)
     with steps.step("simulate"):
-        simulation = make(replace(loaded, run=settings), np.random.default_rng(settings.seed))
+        simulation = simulate(settled, np.random.default_rng(settled.run.seed))
     with steps.step("write"), staged([target]) as (path,), writing(target):
         tables = simulation_tables(simulation)
         write_log(path, tables)
     return {
         "log": str(target),
-        "twin": loaded.name,
-        "seed": settings.seed,
-        "duration_s": settings.duration,
+        "twin": settled.name,
+        "seed": settled.run.seed,
+        "duration_s": settled.run.duration,
         "messages": sum(len(table) for table in tables),
         "wall_s": sum(steps.seconds.values()),
     }
