@@ -1,0 +1,114 @@
+"""From the dotted columns of a table to the standard fields of a channel, through the profile's field map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from schemas.errors import DataError
+from schemas.rig import FloatArray
+from schemas.trial import IntArray
+from schemas.wire import Table
+from stages.decode.profile import Channel
+
+STANDARD: dict[str, tuple[str, ...]] = {
+    "angular_velocity": ("x", "y", "z"),
+    "linear_acceleration": ("x", "y", "z"),
+    "orientation": ("x", "y", "z", "w"),
+    "position": ("x", "y", "z"),
+    "velocity": ("x", "y", "z"),
+    "total": ("x", "y", "z"),
+    "static_part": ("x", "y", "z"),
+    "dynamic_part": ("x", "y", "z"),
+}
+"""Parts of the standard fields that are vectors; every other field is a single number (or a covariance)."""
+_DEFAULT_PATH = {
+    "stamp": "header.stamp",
+    "position": "pose.pose.position",
+    "velocity": "twist.twist.linear",
+    "status": "status.status",
+}
+_STAMP_PARTS = (("sec", "nanosec"), ("secs", "nsecs"), ("seconds", "nanos"))
+_STAMP_FACTOR = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
+
+
+def has(table: Table, channel: Channel, field: str) -> bool:
+    """Whether the messages carry the standard field (under the name the profile gives it)."""
+    return all(name in table.columns for name in _names(table, channel, field))
+
+
+def vector(table: Table, channel: Channel, field: str) -> FloatArray:
+    """(n, k) float64 of a vector field, a copy. Raises DataError where the messages do not have it."""
+    names = _names(table, channel, field)
+    values = np.column_stack([_number(table, name) for name in names])
+    width = len(STANDARD[field])
+    if values.shape[1] != width:
+        raise DataError(f"{field} needs {width} columns; {', '.join(names)} give {values.shape[1]}")
+    return values
+
+
+def scalar(table: Table, channel: Channel, field: str) -> FloatArray:
+    """(n,) float64 of a single number, a copy."""
+    values = np.column_stack([_number(table, name) for name in _names(table, channel, field)])
+    if values.shape[1] != 1:
+        raise DataError(f"{field} needs one column, not {values.shape[1]}")
+    return values[:, 0]
+
+
+def array(table: Table, channel: Channel, field: str, width: int) -> FloatArray | None:
+    """(n, width) of a fixed array such as a covariance; None where the messages have none."""
+    column = table.columns.get(_path(channel, field))
+    if column is None or column.ndim != 2 or column.shape[1] != width or column.dtype == object:
+        return None
+    return np.asarray(column, dtype=np.float64)
+
+
+def stamps(table: Table, channel: Channel) -> IntArray:
+    """(n,) ns, int64, a copy: the stamps that the profile says count."""
+    if channel.stamp == "log_time":
+        return np.array(table.log_time, dtype=np.int64)
+    path = _path(channel, "stamp")
+    for seconds, nanoseconds in _STAMP_PARTS:
+        parts = (f"{path}.{seconds}", f"{path}.{nanoseconds}")
+        if all(part in table.columns for part in parts):
+            whole, rest = (np.asarray(_number(table, part), dtype=np.int64) for part in parts)
+            return whole * 1_000_000_000 + rest
+    return _as_nanoseconds(_number(table, path), _STAMP_FACTOR[channel.stamp_unit])
+
+
+def _as_nanoseconds(column: np.ndarray, factor: int) -> IntArray:
+    if column.dtype.kind in "iu":
+        return column.astype(np.int64) * factor
+    known = np.where(np.isfinite(column) & (np.abs(column) < 2**62 / factor), column, 0.0)
+    whole = np.floor(known)
+    return whole.astype(np.int64) * factor + np.rint((known - whole) * factor).astype(np.int64)
+
+
+def _path(channel: Channel, field: str) -> str:
+    given = channel.fields.get(field, _DEFAULT_PATH.get(field, field))
+    return given if isinstance(given, str) else given[0]
+
+
+def _names(table: Table, channel: Channel, field: str) -> Sequence[str]:
+    """Columns of the field: as listed, one (array) column, or a prefix with the field's parts."""
+    given = channel.fields.get(field, _DEFAULT_PATH.get(field, field))
+    if not isinstance(given, str):
+        return given
+    if given in table.columns or field not in STANDARD:
+        return (given,)
+    return [f"{given}.{part}" for part in STANDARD[field]]
+
+
+def _number(table: Table, name: str) -> np.ndarray:
+    column = table.columns.get(name)
+    if column is None:
+        raise DataError(f"messages of type {table.schema} have no field {name}; they have {_listed(table)}")
+    if column.dtype.kind not in "fiub":
+        raise DataError(f"field {name} of {table.schema} is not a number")
+    return np.asarray(column)
+
+
+def _listed(table: Table) -> str:
+    names = list(table.columns)
+    return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")

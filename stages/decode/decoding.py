@@ -1,0 +1,166 @@
+"""Log -> Trial: every role of the rig profile decoded, settled and checked; truth kept apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from schemas.errors import DataError
+from schemas.trial import Trial, Truth
+from schemas.wire import Log, Table, read_log
+from stages.decode import channels, plausible
+from stages.decode.profile import RigProfile, default_rig
+from stages.decode.roles import Found, Notes, decode_role, epoch_of, has_channel, table_of, topics
+
+MIN_DURATION_S = 5.0
+"""Main and sub IMU must record together at least so long."""
+EDGE_S = 1.0
+"""A channel that starts later or ends earlier than the main IMU by more than this is noted."""
+ORDER = (
+    *("phins_main", "phins_sub", "main", "sub"),
+    *("gnss", "sliding", "sled", "temperature_main", "temperature_sub"),
+)
+"""PHINS first: their attitude may have to restore the gravity an IMU removed."""
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """A decoded log.
+
+    truth: None unless the log is simulated. log: its channels, metadata and problems, without the tables. profile: how
+    it was read.
+    """
+
+    trial: Trial
+    truth: Truth | None
+    log: Log
+    profile: RigProfile
+
+
+def decode(path: Path | str, rig_profile: RigProfile | None = None, progress: Progress | None = None) -> Decoded:
+    """Decode a log into a trial (hull axes, SI, strictly increasing stamps) and its truth.
+
+    Optional channels that are broken are left out with a note in ``trial.notes``. Raises DataError, with file and
+    channel, where a required channel is missing, dead, too short or contradicts the units the profile declares.
+    """
+    profile = rig_profile or default_rig()
+    log = read_log(path, topics=topics(profile), progress=progress)
+    tables, log = dict(log.tables), replace(log, tables={})
+    try:
+        trial = _trial(log, tables, profile, str(path))
+        truth, about_truth = _truth(log, tables, profile)
+    except DataError as error:
+        raise error.located(file=path) from error
+    return Decoded(replace(trial, notes=trial.notes + about_truth), truth, log, profile)
+
+
+def _trial(log: Log, tables: dict[str, Table], profile: RigProfile, source: str) -> Trial:
+    """All channels but truth. Tables are given up one by one, to hold no more memory than needed."""
+    for role in ("main", "sub"):
+        table_of(role, log, tables, profile)
+    epoch = epoch_of(tables[profile.main.topic], profile)
+    found, notes = Found(), tuple(log.problems)
+    for role in ORDER:
+        found, told = _role(role, log, tables, profile, epoch, found)
+        notes += tuple(f"{profile.channel(role).topic}: {note}" for note in told)
+        release(role, tables, profile)
+    return _assembled(found, notes, profile, source, epoch)
+
+
+def _role(
+    role: str, log: Log, tables: dict[str, Table], profile: RigProfile, epoch: int, found: Found
+) -> tuple[Found, Notes]:
+    """The role decoded and added to what is found; an optional one that is broken is told of instead."""
+    channel = profile.channel(role)
+    required = role in ("main", "sub")
+    if not required and not has_channel(role, log, profile):
+        return found, ()
+    try:
+        series, notes = decode_role(role, table_of(role, log, tables, profile), profile, epoch, found)
+    except DataError as error:
+        if required:
+            raise error.located(channel=channel.topic) from error
+        return found, (f"left out: {error.problem}",)
+    return replace(found, **{role: series}), notes
+
+
+def release(role: str, tables: dict[str, Table], profile: RigProfile) -> None:
+    """Drop the role's table unless a later role reads it too."""
+    topic = profile.channel(role).topic
+    later = ORDER[ORDER.index(role) + 1 :]
+    if all(profile.channel(one).topic != topic for one in later):
+        tables.pop(topic, None)
+
+
+def check_pair(found: Found, profile: RigProfile) -> Notes:
+    """Whether main and sub record together and agree; DataError, or notes where the profile says only to warn."""
+    assert found.main is not None
+    assert found.sub is not None
+    main, sub = found.main, found.sub
+    begin, end = max(main.stamp[0], sub.stamp[0]), min(main.stamp[-1], sub.stamp[-1])
+    together = float(end - begin) * 1e-9
+    names = f"{profile.main.topic} and {profile.sub.topic}"
+    if together <= 0.0:
+        raise DataError(
+            f"the stamps of {names} do not overlap, they are {-together:.3f} s apart: two clocks? "
+            'rig key stamp = "log_time" would use the times of writing'
+        )
+    if together < MIN_DURATION_S:
+        raise DataError(f"{names} record together for only {together:.3f} s; at least {MIN_DURATION_S:g} s are needed")
+    doubt = plausible.pair(main, sub)
+    if doubt and profile.plausibility == "refuse":
+        raise DataError(f"{names}: {doubt}")
+    return (f"{names}: {doubt}",) if doubt else ()
+
+
+def _assembled(found: Found, notes: Notes, profile: RigProfile, source: str, epoch: int) -> Trial:
+    notes += check_pair(found, profile)
+    assert found.main is not None
+    assert found.sub is not None
+    return Trial(
+        main=found.main,
+        sub=found.sub,
+        epoch=epoch,
+        phins_main=found.phins_main,
+        phins_sub=found.phins_sub,
+        gnss=found.gnss,
+        sliding=found.sliding,
+        sled=found.sled,
+        temperature_main=found.temperature_main,
+        temperature_sub=found.temperature_sub,
+        rig=profile.rig(),
+        source=source,
+        notes=notes + _edges(found, profile),
+    )
+
+
+def _edges(found: Found, profile: RigProfile) -> Notes:
+    """Channels that start late or end early against the main IMU."""
+    assert found.main is not None
+    notes: Notes = ()
+    for role in ("sub", "phins_main", "phins_sub"):
+        series = getattr(found, role)
+        if series is None:
+            continue
+        late = (series.stamp[0] - found.main.stamp[0]) * 1e-9
+        early = (found.main.stamp[-1] - series.stamp[-1]) * 1e-9
+        for what, by in (("starts", late), ("ends", early)):
+            if abs(by) > EDGE_S:
+                when = "later" if (by > 0) == (what == "starts") else "earlier"
+                notes += (f"{profile.channel(role).topic} {what} {abs(by):.3f} s {when} than {profile.main.topic}",)
+    return notes
+
+
+def _truth(log: Log, tables: dict[str, Table], profile: RigProfile) -> tuple[Truth | None, Notes]:
+    if not has_channel("truth_deformation", log, profile):
+        return None, ()
+    topic = profile.truth_deformation.topic
+    try:
+        deformation = table_of("truth_deformation", log, tables, profile)
+        attitude = tables.get(profile.truth_attitude.topic)
+        return channels.truth(deformation, profile.truth_deformation, attitude, profile.truth_attitude), ()
+    except DataError as error:
+        return None, (f"{topic}: left out: {error.problem}",)

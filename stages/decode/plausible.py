@@ -1,0 +1,201 @@
+"""Do the values contradict the declared units, signs and axes? Each check returns a sentence, or None.
+
+Every sentence names the rig key that would mend it. Nothing is converted on suspicion. The checks abstain where the
+motion is too small to tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from schemas.rig import FloatArray
+from schemas.trial import ImuSeries, IntArray
+from stages.decode.windows import regular, window_size, windows
+
+ACCEL_PLAUSIBLE = (5.0, 30.0)
+"""m/s^2, median norm of specific force of anything that sails, drives or flies for minutes."""
+UNIT_FACTOR = 15.0
+"""Rates too large by more than this: deg/s taken as rad/s is 57.3."""
+MIN_WINDOWS = 20
+TURNING_RATE = 0.01
+"""rad/s RMS below which rates are too small to be deg/s of a moving ship."""
+MIN_RATE = 2e-4
+"""rad/s RMS of the attitude's rate below which it cannot judge a gyro."""
+SHARED = (0.9, 0.8)
+"""Least canonical correlation of two units' rates: of the best direction, and of all three, to compare them."""
+MAX_ANGLE = np.deg2rad(20.0)
+
+
+def specific_force(accel: FloatArray, role: str) -> str | None:
+    """Unit and gravity from the median norm: g makes 1, mg 1000, gravity removed less than either."""
+    norm = float(np.median(np.linalg.norm(accel, axis=1)))
+    steady = float(np.linalg.norm(np.mean(accel, axis=0))) / max(norm, 1e-12)
+    if ACCEL_PLAUSIBLE[0] <= norm <= ACCEL_PLAUSIBLE[1]:
+        return None
+    if 0.5 < norm < 2.0 and steady > 0.7:
+        return f'the specific force has a median norm of {norm:.3g}: it looks like g; rig key {role}.accel_unit = "g"'
+    if 500.0 < norm < 2000.0:
+        return f'the specific force has a median norm of {norm:.4g}: it looks like mg; rig key {role}.accel_unit = "mg"'
+    if norm < ACCEL_PLAUSIBLE[0]:
+        return (
+            f"the specific force has a median norm of {norm:.3g} m/s^2: gravity looks removed; "
+            f"rig key {role}.gravity_removed = true"
+        )
+    return f"the specific force has a median norm of {norm:.4g} m/s^2: check rig key {role}.accel_unit"
+
+
+def upright(accel: FloatArray, role: str) -> str | None:
+    """A remark on a unit that does not stand upright in hull axes (+g on z at rest)."""
+    mean = np.mean(accel, axis=0)
+    tilt = float(np.arccos(np.clip(mean[2] / max(float(np.linalg.norm(mean)), 1e-12), -1.0, 1.0)))
+    if tilt < np.deg2rad(45.0):
+        return None
+    return (
+        f"the unit is tilted by {np.rad2deg(tilt):.0f} degrees against the hull's vertical; check rig key {role}.axes"
+    )
+
+
+def gyro_against_gravity(unit: ImuSeries, role: str) -> str | None:
+    """df/dt = -omega x f + ...: rates in a too large unit would turn gravity far more than it turns.
+
+    Only the pitch and roll rates count; a real unit gives a ratio of at most a few.
+    """
+    stamp, gyro = windows(unit.stamp, unit.gyro)
+    _, force = windows(unit.stamp, unit.accel)
+    if len(gyro) < MIN_WINDOWS:
+        return None
+    step = np.diff(stamp) * 1e-9
+    near = step < 1.5 * np.median(step)
+    middle = 0.5 * (force[1:] + force[:-1])
+    if _rms(gyro - gyro.mean(axis=0)) < TURNING_RATE:
+        return None
+    expected = -np.cross(0.5 * (gyro[1:] + gyro[:-1]), middle)[near]
+    found = (np.diff(force, axis=0) / step[:, None])[near]
+    ratio = _rms(expected - expected.mean(axis=0)) / max(_rms(found), 1e-12)
+    if ratio < UNIT_FACTOR:
+        return None
+    return (
+        f"the rates would turn gravity {ratio:.0f} times as much as the accelerometers see: they look like deg/s; "
+        f'rig key {role}.gyro_unit = "deg/s"'
+    )
+
+
+def attitude_against_gravity(unit: ImuSeries, role: str) -> str | None:
+    """R_n_b f_b must point up on average, whatever the navigation frame's horizontal axes."""
+    if unit.attitude is None or not np.isfinite(unit.accel).any():
+        return None
+    force = Rotation.from_quat(unit.attitude).apply(unit.accel)
+    mean = np.nanmean(force, axis=0)
+    norm = float(np.linalg.norm(mean))
+    if not ACCEL_PLAUSIBLE[0] < norm < ACCEL_PLAUSIBLE[1] or mean[2] > norm * np.cos(MAX_ANGLE):
+        return None
+    tilt = np.rad2deg(np.arccos(np.clip(mean[2] / norm, -1.0, 1.0)))
+    return (
+        f"its attitude puts the vertical {tilt:.0f} degrees off gravity; "
+        f"check rig keys {role}.axes, {role}.attitude (frame, inverse)"
+    )
+
+
+def gyro_against_attitude(unit: ImuSeries, role: str) -> str | None:
+    """Rates of the gyro against those of the unit's own attitude: unit, sign and axes."""
+    if unit.attitude is None:
+        return None
+    size = window_size(unit.stamp)
+    usable, (stamp, gyro) = regular(unit.stamp, size), windows(unit.stamp, unit.gyro)
+    first = np.arange(len(usable))[usable] * size
+    if len(stamp) < MIN_WINDOWS:
+        return None
+    # a window's mean rate is that from the sample before it to its last one
+    first, gyro = first[first > 0], gyro[first > 0]
+    before = Rotation.from_quat(unit.attitude[first - 1])
+    turn = (before.inv() * Rotation.from_quat(unit.attitude[first + size - 1])).as_rotvec()
+    rate = turn / ((unit.stamp[first + size - 1] - unit.stamp[first - 1])[:, None] * 1e-9)
+    if _rms(rate - rate.mean(axis=0)) < MIN_RATE:
+        return None
+    return _compared(rate, gyro, role)
+
+
+def pair(main: ImuSeries, sub: ImuSeries) -> str | None:
+    """Rates of the two units against each other: the same unit, and not mirror images."""
+    begin, end = max(main.stamp[0], sub.stamp[0]), min(main.stamp[-1], sub.stamp[-1])
+    grid = np.arange(begin, end, int(1e9), dtype=np.int64)
+    if len(grid) < MIN_WINDOWS:
+        return None
+    rate_m, rate_s = _averaged(main, grid), _averaged(sub, grid)
+    both = np.isfinite(rate_m).all(axis=1) & np.isfinite(rate_s).all(axis=1)
+    rate_m, rate_s = rate_m[both], rate_s[both]
+    if len(rate_m) < MIN_WINDOWS or min(_rms(rate_m), _rms(rate_s)) < MIN_RATE:
+        return None
+    found = _relation(rate_m, rate_s)
+    if found.gain > UNIT_FACTOR or 0.0 < found.gain < 1.0 / UNIT_FACTOR:
+        large, factor = ("sub", found.gain) if found.gain > 1.0 else ("main", 1.0 / found.gain)
+        return f'the rates of {large} are {factor:.0f} times the other unit\'s; rig key {large}.gyro_unit = "deg/s"'
+    if found.mirrored:
+        return (
+            "the rates of the two units are mirror images: an axis of one has the wrong sign; "
+            "rig keys main.gyro_signs, sub.gyro_signs"
+        )
+    return None
+
+
+def _compared(reference: FloatArray, gyro: FloatArray, role: str) -> str | None:
+    """What a gyro's rates say against the reference's of the same body."""
+    found = _relation(reference, gyro)
+    if found.gain > UNIT_FACTOR:
+        unit = "deg/h" if found.gain > 1e4 else "deg/s"
+        return f'the rates are {found.gain:.0f} times those of the attitude; rig key {role}.gyro_unit = "{unit}"'
+    if 0.0 < found.gain < 1.0 / UNIT_FACTOR:
+        smaller = 1.0 / found.gain
+        return f"the rates are {smaller:.0f} times smaller than those of the attitude; check rig key {role}.gyro_unit"
+    if found.mirrored:
+        return f"the rates mirror those of the attitude: a sign is wrong; rig keys {role}.gyro_signs, {role}.attitude"
+    if found.angle > MAX_ANGLE:
+        return (
+            f"the gyro's axes are turned by {np.rad2deg(found.angle):.0f} degrees against those of the attitude; "
+            f"rig keys {role}.axes, {role}.attitude"
+        )
+    return None
+
+
+@dataclass(frozen=True)
+class _Relation:
+    """How rates y (n, 3) follow rates x (n, 3), y = M x + b; the defaults say that it cannot be told."""
+
+    gain: float = 0.0
+    mirrored: bool = False
+    angle: float = 0.0
+
+
+def _relation(x: FloatArray, y: FloatArray) -> _Relation:
+    """Gain where they share one direction at least, handedness and angle where they share all three.
+
+    Shared: canonical correlations, so that a direction of mere noise has no say.
+    """
+    x, y = x - x.mean(axis=0), y - y.mean(axis=0)
+    shared = np.linalg.svd(np.linalg.qr(x)[0].T @ np.linalg.qr(y)[0], compute_uv=False)
+    if shared[0] < SHARED[0]:
+        return _Relation()
+    matrix = np.linalg.lstsq(x, y, rcond=None)[0].T
+    gain = float(np.linalg.norm(x @ matrix.T) / np.linalg.norm(x))
+    if shared[-1] < SHARED[1]:
+        return _Relation(gain)
+    left, _, right = np.linalg.svd(matrix)
+    if np.linalg.det(matrix) < 0.0:
+        return _Relation(gain, mirrored=True)
+    return _Relation(gain, angle=float(Rotation.from_matrix(left @ right).magnitude()))
+
+
+def _averaged(unit: ImuSeries, grid: IntArray) -> FloatArray:
+    """Mean rates (len(grid) - 1, 3) between the grid's times; NaN where a second holds too few samples."""
+    edge = np.searchsorted(unit.stamp, grid)
+    count = np.diff(edge)
+    total = np.vstack([np.zeros(3), np.cumsum(unit.gyro, axis=0)])[edge]
+    enough = count >= 0.8 * np.median(count)
+    return np.where(enough[:, None], np.diff(total, axis=0) / np.maximum(count, 1)[:, None], np.nan)
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0

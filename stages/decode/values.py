@@ -1,0 +1,128 @@
+"""Checks of the values of one unit, (n, 3) gyro and accel: not finite, frozen, held, saturated, spiky.
+
+The checks only flag: :func:`usable` says which samples may be kept, :func:`remarks` says what looks odd but stays.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.errors import DataError
+from schemas.rig import FloatArray
+from schemas.trial import IntArray
+
+FROZEN_S = 1.0
+"""All six values unchanged for longer than this: the unit was stuck, the samples are left out."""
+FROZEN_SAMPLES = 10
+BAD_SHARE = 0.5
+"""A unit with a larger share of unusable samples is refused."""
+LIMITS = {"gyro": 1e3, "accel": 1e5}
+"""rad/s and m/s^2 beyond anything an inertial unit measures: not a value."""
+HELD_SHARE = 0.2
+SATURATED_SAMPLES = 10
+SPIKE_SIGMAS = 25.0
+
+BoolArray = NDArray[np.bool_]
+_AXES = "xyz"
+
+
+def usable(
+    stamp: IntArray, gyro: FloatArray, accel: FloatArray, epoch: int | None = None
+) -> tuple[BoolArray, tuple[str, ...]]:
+    """(n,) True where the sample can be used, and what was found. Raises DataError for a dead or broken unit."""
+    finite = _within(gyro, "gyro") & _within(accel, "accel")
+    _refuse_mostly(~finite, "not finite or beyond any sensor's range")
+    _refuse_constant(gyro[finite], "gyro")
+    _refuse_constant(accel[finite], "accelerometer")
+    stuck = frozen(stamp, np.concatenate([gyro, accel], axis=1))
+    _refuse_mostly(stuck, "frozen (all values unchanged)")
+    notes = counted(~finite, stamp, epoch, "not finite or out of any sensor's range left out")
+    notes += counted(
+        stuck & finite, stamp, epoch, f"frozen (all values unchanged for more than {FROZEN_S:g} s) left out"
+    )
+    return finite & ~stuck, notes
+
+
+def remarks(gyro: FloatArray, accel: FloatArray) -> tuple[str, ...]:
+    """What looks odd in the values but stays: held, saturated and spiky samples."""
+    notes = _held(np.concatenate([gyro, accel], axis=1))
+    for name, values in (("gyro", gyro), ("accelerometer", accel)):
+        for axis, column in zip(_AXES, values.T):
+            notes += _saturated(column, f"{name} {axis}") + _spikes(column, f"{name} {axis}")
+    return notes
+
+
+def frozen(stamp: IntArray, values: FloatArray) -> BoolArray:
+    """(n,) True for the repeats within stretches of identical rows of values (n, k) that last too long."""
+    repeat = np.zeros(len(stamp), dtype=bool)
+    repeat[1:] = (values[1:] == values[:-1]).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], repeat, [False]]).astype(np.int8)))
+    first, last = edges[0::2], edges[1::2]
+    long = (last - first >= FROZEN_SAMPLES) & ((stamp[last - 1] - stamp[first - 1]) * 1e-9 > FROZEN_S)
+    change = np.zeros(len(stamp) + 1, dtype=np.int64)
+    change[first[long]] += 1
+    change[last[long]] -= 1
+    return np.cumsum(change[:-1]) > 0
+
+
+def _within(values: FloatArray, kind: str) -> BoolArray:
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.abs(values) < LIMITS[kind]).all(axis=1))
+
+
+def _refuse_mostly(bad: BoolArray, what: str) -> None:
+    share = float(np.mean(bad))
+    if share > BAD_SHARE:
+        raise DataError(f"{100.0 * share:.0f} % of the samples are {what}")
+
+
+def _refuse_constant(values: FloatArray, kind: str) -> None:
+    constant = [axis for axis, column in zip(_AXES, values.T) if column.min() == column.max()]
+    if constant:
+        level = values[0, _AXES.index(constant[0])]
+        axes = " and ".join(constant)
+        raise DataError(f"the {kind} is constant on {axes} over the whole log ({level:.6g}): the unit is dead")
+
+
+def counted(bad: BoolArray, stamp: IntArray, epoch: int | None, what: str) -> tuple[str, ...]:
+    """A note on how many samples are bad and where the first is; none where there is nothing to tell."""
+    if not bad.any():
+        return ()
+    at = (stamp[np.argmax(bad)] - (stamp[0] if epoch is None else epoch)) * 1e-9
+    count = int(np.count_nonzero(bad))
+    return (f"{count} sample{'s' if count > 1 else ''} {what}, the first at t = {at:.3f} s",)
+
+
+def _held(values: FloatArray) -> tuple[str, ...]:
+    share = float(np.mean((values[1:] == values[:-1]).all(axis=1))) if len(values) > 1 else 0.0
+    if share < HELD_SHARE:
+        return ()
+    return (f"{100.0 * share:.0f} % of the samples repeat the one before: the unit is slower than its channel",)
+
+
+def _saturated(column: FloatArray, name: str) -> tuple[str, ...]:
+    """A clipped signal has many samples at its very extreme, in runs, and few at the next value below."""
+    size = np.abs(column)
+    extreme = size.max()
+    at_extreme = size == extreme
+    count = int(np.count_nonzero(at_extreme))
+    if count < SATURATED_SAMPLES or not (at_extreme[2:] & at_extreme[1:-1] & at_extreme[:-2]).any():
+        return ()
+    below = size[~at_extreme]
+    next_below = int(np.count_nonzero(below == below.max())) if len(below) else 0
+    return (
+        (f"{count} samples of {name} sit at its extreme, {extreme:.6g}: saturated?",) if count > 5 * next_below else ()
+    )
+
+
+def _spikes(column: FloatArray, name: str) -> tuple[str, ...]:
+    """Samples far off the mean of their neighbours, against the spread of that difference."""
+    if len(column) < 100:
+        return ()
+    off = np.abs(column[1:-1] - 0.5 * (column[2:] + column[:-2]))
+    spread = float(np.median(off)) / 0.6745
+    count = int(np.count_nonzero(off > SPIKE_SIGMAS * spread)) if spread > 0.0 else 0
+    return (
+        (f"{count} samples of {name} stand out by more than {SPIKE_SIGMAS:g} times the local spread",) if count else ()
+    )
