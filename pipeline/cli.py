@@ -125,7 +125,8 @@ def info(log: Log, rig: Rig = None, as_json: Json = False) -> None:
     from pipeline.health import health_document, health_report, log_health
 
     check_inputs(log, rig)
-    found = log_health(log, rig)
+    with console.progress_bar() as progress:
+        found = log_health(log, rig, progress)
     if as_json:
         console.emit(health_document(found))
     else:
@@ -161,7 +162,7 @@ def list_(kind: Annotated[Kind, typer.Argument(help="What to list.")], as_json: 
     if as_json:
         console.emit({str(kind): [{"name": entry.name, "about": entry.about} for entry in entries]})
         return
-    from pipeline.printing import listing_table
+    from pipeline.tables import listing_table
 
     rows = [(entry.name, entry.about) for entry in entries]
     console.display(listing_table(str(kind), rows) if rows else f"there are no {kind} in this version")

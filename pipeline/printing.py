@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from physics.units import ARCMIN
 from pipeline.one_log import AXES, LogRun
+from pipeline.tables import plain_table
 from schemas.products import DeckShape, Estimate, FlexureModel, Score, Status
 from stages.publish.best import static_angle, time_delay
 
@@ -47,7 +47,7 @@ def angle_table(run: LogRun) -> Table:
     deformation = run.result.deformation
     scores = run.result.scores
     columns = ["static angle [′]", "flexure σ [′]", "μ [1/s]", "λ [rad/s]", "predicted σ [′]"]
-    table = _table("axis", *columns, *(f"RMSE vs {score.reference} [′]" for score in scores))
+    table = plain_table("axis", *columns, *(f"RMSE vs {score.reference} [′]" for score in scores))
     sigma = np.sqrt(np.nanmean(np.diagonal(deformation.covariance, axis1=1, axis2=2), axis=0))
     for axis, name in enumerate(AXES):
         table.add_row(
@@ -63,7 +63,7 @@ def angle_table(run: LogRun) -> Table:
 def deck_table(shape: DeckShape) -> Table:
     """The largest curvature of each kind, all runs together, and where it is."""
     title = f"deck shape by {shape.method}: {len(shape.passes)} runs over {np.ptp(shape.arc_length):.1f} m"
-    table = _table("curvature", "largest [rad/m]", "± [rad/m]", "at [m]", "beyond limit", title=title)
+    table = plain_table("curvature", "largest [rad/m]", "± [rad/m]", "at [m]", "beyond limit", title=title)
     for axis, name in enumerate(CURVES):
         at = int(np.nanargmax(np.abs(shape.curvature[:, axis])))
         beyond = f"{np.mean(shape.exceeds[:, axis]):.0%} of the path" if shape.exceeds[:, axis].any() else "no"
@@ -75,7 +75,7 @@ def deck_table(shape: DeckShape) -> Table:
 def compare_report(runs: Sequence[LogRun], written: Mapping[str, str]) -> list[object]:
     """Everything ``deckflex compare`` prints."""
     trial = runs[0].decoded.trial
-    table = _table("estimator", "reference", *(f"{axis} [′]" for axis in AXES), "predicted x y z [′]", "wall [s]")
+    table = plain_table("estimator", "reference", *(f"{axis} [′]" for axis in AXES), "predicted x y z [′]", "wall [s]")
     for run in runs:
         for row in _compared(run):
             table.add_row(*row)
@@ -88,15 +88,6 @@ def warning_lines(warnings: Iterable[str]) -> list[str]:
     """One line a warning, after a blank one; nothing where there is nothing to say."""
     lines = [f"warning     {warning}" for warning in warnings]
     return ["", *lines] if lines else []
-
-
-def listing_table(title: str, rows: Iterable[tuple[str, str]]) -> Table:
-    """Names and what they are."""
-    table = _table(title, "what it is")
-    table.columns[1].justify = "left"
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 def angle(radians: float) -> str:
@@ -139,11 +130,3 @@ def _compared(run: LogRun) -> Iterable[tuple[str, ...]]:
     for score in run.result.scores:
         predicted = " ".join(angle(value) for value in score.predicted)
         yield name, score.reference, *(angle(value) for value in score.rmse), predicted, wall
-
-
-def _table(first: str, *columns: str, title: str | None = None) -> Table:
-    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, show_edge=False)
-    table.add_column(first)
-    for column in columns:
-        table.add_column(column, justify="right")
-    return table

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from importlib import import_module
+from importlib import import_module, resources
+from itertools import takewhile
 
 
 class Kind(StrEnum):
@@ -51,8 +52,15 @@ def _about(method: type) -> str:
 
 
 def _twins() -> tuple[Entry, ...]:
-    twin = import_module("twin")
-    return tuple(Entry(name, getattr(twin.load_twin(name), "description", "")) for name in twin.built_in())
+    names = import_module("twin").built_in()
+    texts = ((resources.files("twin") / "twins" / f"{name}.toml").read_text("utf-8") for name in names)
+    return tuple(Entry(name, _opening(text)) for name, text in zip(names, texts))
+
+
+def _opening(toml: str) -> str:
+    """First sentence of the comment a twin's file opens with."""
+    comment = takewhile(lambda line: line.startswith("#"), toml.splitlines())
+    return " ".join(line.lstrip("# ") for line in comment).split(". ")[0]
 
 
 def _none() -> tuple[Entry, ...]:
