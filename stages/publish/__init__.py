@@ -1,0 +1,1 @@
+"""Results on their way out: message channels, tables, recordings, figures in words."""

@@ -1,0 +1,152 @@
+"""The summary in words: Markdown for the recording's documents. No character outside the basic plane: viewers choke."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from schemas.products import Result
+from stages.publish.summary import AXES, summary
+
+NAMES = {"truth": "truth", "phins": "PHINS"}
+
+
+def summary_text(result: Result) -> str:
+    """One page: what the deformation was, how sure it is, what to distrust."""
+    s = summary(result)
+    parts = [_headline(s), _warnings(s), _angles(s), _scores(s), _flexure(s), _deck(s), _provenance(s)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def accuracy_text(result: Result) -> str:
+    """RMSE against its budget, coverage, and what the estimator used."""
+    s = summary(result)
+    used = [f"- {line}" for line in (*s["details"]["used"], *s["details"]["notes"])]
+    parts = [_budget(s), _coverage(s), "## What was used\n\n" + "\n".join(used) if used else ""]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A figure of so many significant digits; a dash where it is not known."""
+    if value is None:
+        return "–"
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e" in text and 1 <= abs(value) < 1e7 else text
+
+
+def table(header: list[str], rows: list[list[str]]) -> str:
+    """A Markdown table."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _triple(values: list[float | None] | None) -> list[str]:
+    return [number(value) for value in values] if values is not None else ["–"] * 3
+
+
+def _headline(s: dict[str, Any]) -> str:
+    log = s["log"] or "trial"
+    lines = [f"# {log}", f"{s['estimator']} on {duration(s['duration_s'])}, {s['samples']} samples."]
+    for score in s["details"]["scores"]:
+        worst = max(score["rmse_arcmin"])
+        lines.append(f"**RMSE against {NAMES[score['reference']]}: at most {number(worst)}′ on any axis.**")
+    return "\n\n".join(lines)
+
+
+def duration(seconds: float) -> str:
+    """400 s, 12.5 min, 2.00 h."""
+    if seconds < 600:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.2f} h"
+
+
+def _warnings(s: dict[str, Any]) -> str:
+    if not s["warnings"]:
+        return "No warnings."
+    return "## What to distrust\n\n" + "\n".join(f"- {line}" for line in s["warnings"])
+
+
+def _angles(s: dict[str, Any]) -> str:
+    d = s["details"]
+    rows = [
+        ["static angle [′]", *_triple(s["static_arcmin"])],
+        ["its standard deviation [′]", *_triple(d["static_std_arcmin"])],
+        ["deformation, std over time [′]", *_triple(d["deformation_std_arcmin"])],
+        ["predicted 1σ of the total [′]", *_triple(d["predicted_std_arcmin"])],
+    ]
+    delay = [None if v is None else 1e3 * v for v in (s["time_delay_s"], d["time_delay_std_s"])]
+    sentence = (
+        f"Time delay of the sub-IMU: {number(delay[0], 4)} ms ± {number(delay[1], 2)} ms ({d['time_delay_status']})."
+    )
+    return "## Deformation\n\n" + table(["", "x", "y", "z"], rows) + "\n\n" + sentence
+
+
+def _scores(s: dict[str, Any]) -> str:
+    if not s["details"]["scores"]:
+        return "## Score\n\nNo reference in the log."
+    rows = []
+    for score in s["details"]["scores"]:
+        name = NAMES[score["reference"]]
+        rows.append([f"RMSE against {name} [′]", *_triple(score["rmse_arcmin"])])
+        if any(score["reference_noise_arcmin"]):
+            rows.append([f"of it {name}'s own [′]", *_triple(score["reference_noise_arcmin"])])
+    return "## Score\n\n" + table(["", "x", "y", "z"], rows)
+
+
+def _flexure(s: dict[str, Any]) -> str:
+    f = s["flexure"]
+    rows = [
+        ["damping μ [1/s]", *_triple(f["damping"])],
+        ["frequency λ [rad/s]", *_triple(f["frequency"])],
+        ["standard deviation [′]", *_triple(f["std_arcmin"])],
+    ]
+    return f"## Flexure model ({s['identifier']})\n\n" + table(["", "x", "y", "z"], rows)
+
+
+def _deck(s: dict[str, Any]) -> str:
+    deck = s["deck_shape"]
+    if deck is None:
+        return ""
+    rows = [
+        [
+            name,
+            number(1e5 * deck[name]["peak_rad_per_m"]) if deck[name]["peak_rad_per_m"] is not None else "–",
+            number(deck[name]["peak_at_m"]),
+            ", ".join(f"{a:.0f} to {b:.0f}" for a, b in deck[name]["exceeds_limit_at_m"]) or "nowhere",
+        ]
+        for name in AXES
+    ]
+    head = f"## Deck shape\n\n{deck['passes']} runs over {number(deck['length_m'])} m ({deck['method']}).\n\n"
+    return head + table(["curvature", "largest [1e-5 rad/m]", "at [m]", "beyond its limit at [m]"], rows)
+
+
+def _provenance(s: dict[str, Any]) -> str:
+    rows = [[key, value] for key, value in s["details"]["provenance"].items()]
+    return "## Provenance\n\n" + table(["", ""], rows) if rows else ""
+
+
+def _budget(s: dict[str, Any]) -> str:
+    rows = []
+    for score in s["details"]["scores"]:
+        name = NAMES[score["reference"]]
+        rows += [
+            [f"RMSE against {name} [′]", *_triple(score["rmse_arcmin"])],
+            ["predicted by the estimator [′]", *_triple(score["predicted_std_arcmin"])],
+            ["reference's own noise [′]", *_triple(score["reference_noise_arcmin"])],
+        ]
+    return "## RMSE against its budget\n\n" + table(["", "x", "y", "z"], rows) if rows else "No reference in the log."
+
+
+def _coverage(s: dict[str, Any]) -> str:
+    rows = [
+        [NAMES[score["reference"]], *(percent(share) for share in score["coverage_1_2_3_sigma"])]
+        for score in s["details"]["scores"]
+    ]
+    if not rows:
+        return ""
+    rows.append(["expected", "68.3 %", "95.4 %", "99.7 %"])
+    return "## Share of errors within\n\n" + table(["", "1σ", "2σ", "3σ"], rows)
+
+
+def percent(share: float | None) -> str:
+    """68.3 %."""
+    return "–" if share is None else f"{100 * share:.1f} %"

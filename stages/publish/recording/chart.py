@@ -1,0 +1,206 @@
+"""A chart of something against something other than time, drawn in a 2D view.
+
+Time views know no other axis than time, so frame, grid, ticks and curves are drawn here in sheet units: WIDTH by
+HEIGHT, y downwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from schemas.rig import FloatArray
+from stages.publish.recording.scene import Colour
+
+WIDTH, HEIGHT = 160.0, 80.0
+MARGIN = (17.0, 8.0, 4.0, 13.0)  # left, top, right, bottom
+FRAME: Colour = (120, 120, 125)
+GRID: Colour = (58, 58, 62)
+ZONE: Colour = (150, 40, 40)
+TEXT: Colour = (200, 200, 205)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Limits in data units, or their powers of ten when log; label with unit; scale divides what ticks show."""
+
+    low: float
+    high: float
+    label: str
+    log: bool = False
+    scale: float = 1.0
+
+    def place(self, value: FloatArray) -> FloatArray:
+        """0 at low, 1 at high; NaN for what a logarithm cannot show."""
+        if self.log:
+            value = np.log10(np.where(value > 0, value, np.nan))
+            return (value - np.log10(self.low)) / (np.log10(self.high) - np.log10(self.low))
+        return (value - self.low) / (self.high - self.low)
+
+    def ticks(self) -> list[float]:
+        """Round numbers within the limits."""
+        if self.log:
+            first, last = np.ceil(np.log10(self.low) - 1e-9), np.floor(np.log10(self.high) + 1e-9)
+            step = max(1, round((last - first) / 6))
+            return [float(10.0**k) for k in np.arange(first, last + 0.5, step)]
+        step = _round_step((self.high - self.low) / 6)
+        first = np.ceil(self.low / step - 1e-9)
+        return [float(k * step) for k in np.arange(first, np.floor(self.high / step + 1e-9) + 0.5)]
+
+    def text(self, tick: float) -> str:
+        """What stands at a tick."""
+        shown = tick / self.scale
+        return f"{0.0 if abs(shown) < 1e-12 else shown:.6g}"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Points x, y (n,) in data units; NaN breaks the line. name: legend, empty for none."""
+
+    x: FloatArray
+    y: FloatArray
+    colour: Colour
+    name: str = ""
+    width: float = 1.5
+    dashed: bool = False
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Everything on one sheet. zones: (x0, x1) stretches of x to mark in red."""
+
+    x: Axis
+    y: Axis
+    curves: Sequence[Curve]
+    zones: Sequence[tuple[float, float]] = field(default_factory=tuple)
+
+
+def chart_view(entity: str, name: str) -> rrb.Spatial2DView:
+    """The view of a chart, whole sheet in sight."""
+    bounds = rrb.VisualBounds2D(x_range=[0.0, WIDTH], y_range=[0.0, HEIGHT])
+    return rrb.Spatial2DView(
+        origin=entity, name=name, visual_bounds=bounds, background=rrb.Background(color=[22, 22, 26])
+    )
+
+
+def log_chart(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
+    """Draw a chart; static, so it stands at every time."""
+    _log_frame(rec, entity, chart)
+    if chart.zones:
+        _log_zones(rec, entity, chart)
+    for index, curve in enumerate(chart.curves):
+        pieces = [piece for piece in _pieces(chart, curve) if len(piece) > 1]
+        drawn = _dashes(pieces) if curve.dashed else pieces
+        strips = rr.LineStrips2D(
+            drawn,
+            colors=[curve.colour] * len(drawn),
+            radii=rr.Radius.ui_points(curve.width / 2),
+            draw_order=10.0 + index,
+        )
+        rec.log(f"{entity}/curve_{index}", strips, static=True)
+    _log_legend(rec, entity, chart)
+
+
+def _log_zones(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
+    """A thick red bar along the foot of the chart, and its edges carried up through it."""
+    top, base = MARGIN[1], HEIGHT - MARGIN[3]
+    ends = _sheet(chart, np.array(chart.zones, dtype=float), np.full((len(chart.zones), 2), chart.y.low))[..., 0]
+    bars = [[[a, base - 1.0], [max(b, a + 0.5), base - 1.0]] for a, b in ends]
+    edges = [[[x, top], [x, base]] for x in ends.ravel()]
+    strips = rr.LineStrips2D(
+        [*bars, *edges],
+        colors=[ZONE] * (len(bars) + len(edges)),
+        radii=[1.0] * len(bars) + [0.1] * len(edges),
+        draw_order=4.0,
+    )
+    rec.log(f"{entity}/zones", strips, static=True)
+
+
+def _sheet(chart: Chart, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Sheet positions (n, 2) of data points."""
+    left, top, right, bottom = MARGIN
+    u = left + chart.x.place(np.asarray(x, float)) * (WIDTH - left - right)
+    v = HEIGHT - bottom - chart.y.place(np.asarray(y, float)) * (HEIGHT - top - bottom)
+    return np.stack([u, v], axis=-1)
+
+
+def _pieces(chart: Chart, curve: Curve) -> list[FloatArray]:
+    """The curve's visible stretches: within the frame and finite."""
+    points = _sheet(chart, curve.x, curve.y)
+    inside = np.isfinite(points).all(axis=1)
+    inside &= (points[:, 0] >= MARGIN[0] - 1e-6) & (points[:, 0] <= WIDTH - MARGIN[2] + 1e-6)
+    inside &= (points[:, 1] >= MARGIN[1] - 1e-6) & (points[:, 1] <= HEIGHT - MARGIN[3] + 1e-6)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
+    return [points[a:b] for a, b in edges.reshape(-1, 2)]
+
+
+def _dashes(pieces: Sequence[FloatArray], dash: float = 1.5) -> list[FloatArray]:
+    """Straight stretches cut into dashes; curved ones into their odd segments."""
+    out: list[FloatArray] = []
+    for piece in pieces:
+        count = max(1, int(np.abs(np.diff(piece, axis=0)).sum() / dash))
+        along = np.linspace(0, len(piece) - 1, 2 * count)
+        points = np.stack([np.interp(along, np.arange(len(piece)), piece[:, i]) for i in (0, 1)], axis=1)
+        out += list(points.reshape(-1, 2, 2))
+    return out
+
+
+def _log_frame(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
+    left, top, right, bottom = MARGIN
+    low, high, base = left, WIDTH - right, HEIGHT - bottom
+    xs = [_sheet(chart, np.array([t]), np.array([chart.y.low]))[0, 0] for t in chart.x.ticks()]
+    ys = [_sheet(chart, np.array([chart.x.low]), np.array([t]))[0, 1] for t in chart.y.ticks()]
+    grid = [[[x, top], [x, base]] for x in xs] + [[[low, y], [high, y]] for y in ys]
+    frame = [[[low, top], [low, base], [high, base], [high, top], [low, top]]]
+    thin = rr.Radius.ui_points(0.5)
+    rec.log(f"{entity}/grid", rr.LineStrips2D(grid, colors=[GRID] * len(grid), radii=thin, draw_order=0.0), static=True)
+    rec.log(f"{entity}/frame", rr.LineStrips2D(frame, colors=[FRAME], radii=thin, draw_order=5.0), static=True)
+    _text(rec, f"{entity}/ticks_x", [(x, base + 3.0) for x in xs], [chart.x.text(t) for t in chart.x.ticks()])
+    _text(rec, f"{entity}/ticks_y", [(low - 7.0, y) for y in ys], [chart.y.text(t) for t in chart.y.ticks()])
+    labels = [(0.5 * (low + high), HEIGHT - 3.5), (low + 0.25 * len(chart.y.label), 4.0)]
+    _text(rec, f"{entity}/labels", labels, [chart.x.label, chart.y.label])
+
+
+def _log_legend(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
+    named = [curve for curve in chart.curves if curve.name]
+    rows = MARGIN[1] + 4.0 + 5.0 * np.arange(len(named))
+    for index, (curve, y) in enumerate(zip(named, rows)):
+        _text(rec, f"{entity}/legend_{index}", [(WIDTH - 24.0, float(y))], [curve.name], curve.colour)
+
+
+def _text(
+    rec: rr.RecordingStream,
+    entity: str,
+    places: Sequence[tuple[float, float]],
+    texts: Sequence[str],
+    colour: Colour = TEXT,
+) -> None:
+    points = rr.Points2D(
+        list(places),
+        labels=list(texts),
+        colors=[colour] * len(places),
+        radii=rr.Radius.ui_points(0.01),
+        show_labels=True,
+        draw_order=50.0,
+    )
+    rec.log(entity, points, static=True)
+
+
+def _round_step(raw: float) -> float:
+    """The round number 1, 2 or 5 times a power of ten next above raw."""
+    if not np.isfinite(raw) or raw <= 0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(raw))
+    return float(next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= raw * (1 - 1e-9)))
+
+
+def span_of(values: Sequence[FloatArray], margin: float = 0.06) -> tuple[float, float]:
+    """Limits that hold all finite values, zero included, with a margin."""
+    finite = np.concatenate([np.ravel(v)[np.isfinite(np.ravel(v))] for v in values] + [np.zeros(1)])
+    low, high = float(finite.min()), float(finite.max())
+    pad = margin * (high - low) or 1.0
+    return low - pad, high + pad

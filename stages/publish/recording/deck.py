@@ -1,0 +1,91 @@
+"""Deck shape: curvature and torsion along the path, each run and all runs, limits, and the line they bend."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from schemas.products import DeckPass, DeckShape
+from schemas.rig import FloatArray
+from stages.publish.recording.chart import Axis, Chart, Curve, chart_view, log_chart, span_of
+from stages.publish.recording.scene import BLUE, GREY, RED, Colour, Scene
+from stages.publish.recording.ship import straight_path
+from stages.publish.summary import intervals
+
+CURVES = (("vertical", "Vertical curvature (about x)"), ("torsion", "Torsion (about y)"),
+          ("horizontal", "Horizontal curvature (about z)"))  # fmt: skip
+UNIT = 1e-5  # rad/m, of the axis
+RUN_COLOURS: tuple[Colour, ...] = (
+    (110, 150, 130), (150, 130, 110), (130, 115, 150), (115, 140, 155), (150, 115, 130), (135, 150, 115),
+)  # fmt: skip
+MAX_RUNS_NAMED = 6
+MAX_POINTS = 1500  # per run and curve
+
+
+def log(rec: rr.RecordingStream, shape: DeckShape) -> None:
+    """Three charts and the bent line."""
+    for axis, (name, _) in enumerate(CURVES):
+        log_chart(rec, f"deck/{name}", curve_chart(shape, axis))
+    log_chart(rec, "deck/line", line_chart(shape))
+
+
+def tab(scene: Scene) -> rrb.Container:
+    """Curves two by two with the line."""
+    views = [chart_view(f"deck/{name}", f"{title} [1e-5 rad/m] over arc length [m]") for name, title in CURVES]
+    return rrb.Grid(
+        *views,
+        chart_view("deck/line", "Deformed line against straight, z [mm] over arc length [m]"),
+        grid_columns=2,
+        name="Deck shape",
+    )
+
+
+def curve_chart(shape: DeckShape, axis: int) -> Chart:
+    """Runs in quiet colours, all runs in blue with +-3 sigma, design and limits dashed, danger zones in red."""
+    s, k, sigma = shape.arc_length, shape.curvature[:, axis], shape.std[:, axis]
+    limit = float(shape.limit[axis])
+    design = shape.design[:, axis] if shape.design is not None else np.zeros_like(k)
+    shown = [k - 3 * sigma, k + 3 * sigma, design]
+    curves = [_run_curve(run, axis) for run in shape.passes]
+    curves += [
+        Curve(s, k + sign * 3 * sigma, (90, 120, 170), "all runs ±3σ" if sign > 0 else "", 1.0) for sign in (1, -1)
+    ]
+    curves.append(Curve(s, k, BLUE, "all runs", 2.5))
+    if shape.design is not None:
+        curves.append(Curve(s, design, GREY, "design", 1.0, dashed=True))
+    if np.isfinite(limit):
+        curves += [Curve(s, design + sign * limit, RED, "limit" if sign > 0 else "", 1.5, True) for sign in (1, -1)]
+        shown += [design + 1.1 * limit, design - 1.1 * limit]
+    low, high = span_of(shown)
+    x = Axis(float(s[0]), float(s[-1]), "arc length [m]")
+    zones = [(a, b) for a, b in intervals(s, shape.exceeds[:, axis])]
+    return Chart(
+        x, Axis(low, high, "curvature [1e-5 rad/m]" if axis != 1 else "torsion [1e-5 rad/m]", scale=UNIT), curves, zones
+    )
+
+
+def _run_curve(run: DeckPass, axis: int) -> Curve:
+    """A run's samples averaged to at most MAX_POINTS places, so that the chart stays light."""
+    s, k = averaged(run.arc_length, run.curvature[:, axis], MAX_POINTS)
+    name = f"run {run.index}" if run.index < MAX_RUNS_NAMED else ""
+    return Curve(s, k, RUN_COLOURS[run.index % len(RUN_COLOURS)], name, 0.7)
+
+
+def averaged(s: FloatArray, k: FloatArray, points: int) -> tuple[FloatArray, FloatArray]:
+    """Means of consecutive samples in order of s, at most ``points`` of them."""
+    order = np.argsort(s, kind="stable")
+    size = -(-len(s) // points)
+    starts = np.arange(0, len(s), size)
+    counts = np.diff(np.append(starts, len(s)))
+    return np.add.reduceat(s[order], starts) / counts, np.add.reduceat(k[order], starts) / counts
+
+
+def line_chart(shape: DeckShape) -> Chart:
+    """Height of the bent line over the straight path, in mm."""
+    s = shape.arc_length
+    height = 1e3 * (shape.line - straight_path(shape))[:, 2]
+    low, high = span_of([height])
+    curves = [Curve(s, np.zeros_like(s), GREY, "straight", 1.0, True), Curve(s, height, BLUE, "measured", 2.5)]
+    zones = [(a, b) for a, b in intervals(s, shape.exceeds.any(axis=1))]
+    return Chart(Axis(float(s[0]), float(s[-1]), "arc length [m]"), Axis(low, high, "height [mm]"), curves, zones)

@@ -1,0 +1,77 @@
+"""Sensors: what the units measured, gyros and accelerometers apart, their clocks and their gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from physics.interpolation import usual_interval
+from physics.units import DEG
+from schemas.trial import ImuSeries, Trial
+from stages.publish.best import time_delay
+from stages.publish.recording import layout
+from stages.publish.recording.scene import AXIS_COLOURS, BLUE, Scene, stride
+from stages.publish.recording.stream import send_band, send_lines, thin_extremes
+
+CLOCK_RATE = 5.0  # Hz of the drawn sample intervals; minimum and maximum survive
+
+
+def units(trial: Trial) -> dict[str, tuple[str, ImuSeries]]:
+    """Inertial units present: entity name -> (name for people, series)."""
+    known = {
+        "main": ("main IMU", trial.main),
+        "sub": ("sub-IMU", trial.sub),
+        "sliding": ("sliding SINS", trial.sliding),
+    }
+    return {key: (name, series) for key, (name, series) in known.items() if series is not None and len(series)}
+
+
+def log(rec: rr.RecordingStream, scene: Scene) -> None:
+    """Rates, specific forces, sample intervals and the delay."""
+    for key, (name, series) in units(scene.trial).items():
+        every = stride(series.stamp, scene.rate)
+        for kind, values in (("gyro", series.gyro / DEG), ("accel", series.accel)):
+            stamp, thinned = thin_extremes(series.stamp, values, every)
+            names = [f"{name} {axis}" for axis in "xyz"]
+            send_lines(rec, f"sensors/{kind}/{key}", stamp, scene.trial.epoch, thinned, names, AXIS_COLOURS, 1.0)
+        _log_intervals(rec, scene, key, name, series)
+    _log_delay(rec, scene)
+
+
+def _log_intervals(rec: rr.RecordingStream, scene: Scene, key: str, name: str, series: ImuSeries) -> None:
+    """Sample intervals in usual ones: 1 when regular, 2 for a lost sample."""
+    if len(series) < 3:
+        return
+    ratio = np.diff(series.stamp) / usual_interval(series.stamp)
+    stamp, thinned = thin_extremes(series.stamp[1:], ratio[:, None], stride(series.stamp, CLOCK_RATE))
+    colour = AXIS_COLOURS[list(units(scene.trial)).index(key) % 3]
+    send_lines(rec, f"sensors/interval/{key}", stamp, scene.trial.epoch, thinned, [name], [colour], 1.0)
+
+
+def _log_delay(rec: rr.RecordingStream, scene: Scene) -> None:
+    """The delay as one line with its band over the whole trial."""
+    delay = time_delay(scene.deformation)
+    stamp = scene.deformation.stamp[[0, -1]]
+    value, band = (np.full((2, 1), 1e3 * float(x)) for x in (delay.value, 3 * delay.std))
+    send_band(rec, "sensors/delay", stamp, scene.trial.epoch, value, band, ["time delay of the sub-IMU"], [BLUE], "ms")
+
+
+def tab(scene: Scene) -> rrb.Container:
+    """A column of gyros, one of accelerometers, clocks below."""
+    present = units(scene.trial)
+    gyros = [
+        layout.time_view(scene, f"Gyro, {name} [deg/s]", [f"sensors/gyro/{key}"]) for key, (name, _) in present.items()
+    ]
+    accels = [
+        layout.time_view(scene, f"Specific force, {name} [m/s²]", [f"sensors/accel/{key}"])
+        for key, (name, _) in present.items()
+    ]
+    intervals = [f"sensors/interval/{key}" for key in present]
+    clocks = rrb.Horizontal(
+        layout.time_view(scene, "Sample interval [usual intervals]", intervals, y_range=(0.0, 3.0)),
+        layout.time_view(scene, "Time delay of the sub-IMU ±3σ [ms]", ["sensors/delay"]),
+        layout.lanes(scene, "Gaps", "lanes"),
+    )
+    columns = rrb.Horizontal(rrb.Vertical(*gyros), rrb.Vertical(*accels))
+    return rrb.Vertical(columns, clocks, row_shares=[3.0, 1.0], name="Sensors")

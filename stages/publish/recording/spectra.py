@@ -1,0 +1,105 @@
+"""Spectra: the flexure found against the model identified, by frequency and by lag."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from scipy.signal import welch
+
+from physics.units import ARCMIN
+from schemas.products import Deformation, FlexureModel
+from schemas.rig import FloatArray
+from stages.publish.recording.chart import Axis, Chart, Curve, chart_view, log_chart
+from stages.publish.recording.scene import AXES, BLUE, GREY, ORANGE, Scene
+from stages.publish.recording.stream import gap_starts
+
+SEGMENT = 200.0  # s, length of a Welch segment, at most a quarter of the record
+MAX_LAG = 60.0  # s
+HIGHEST = 2.0  # Hz drawn
+MIN_SAMPLES = 64
+
+
+def longest_run(deformation: Deformation) -> slice:
+    """The longest stretch of the estimate without a gap."""
+    edges = np.concatenate([[0], gap_starts(deformation.stamp) + 1, [len(deformation.stamp)]])
+    best = int(np.argmax(np.diff(edges)))
+    return slice(int(edges[best]), int(edges[best + 1]))
+
+
+def measured_spectrum(theta: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
+    """Frequency (k,) Hz and one-sided density (k, 3) rad^2/Hz of flexure (n, 3), Welch's method."""
+    length = int(min(SEGMENT * rate, len(theta) / 4))
+    f, density = welch(theta, rate, nperseg=max(length, MIN_SAMPLES), axis=0, detrend="linear")
+    return f[1:], density[1:]
+
+
+def model_spectrum(f: FloatArray, model: FlexureModel) -> FloatArray:
+    """``2 q / ((b^2 - w^2)^2 + 4 mu^2 w^2)``, one-sided (k, 3) rad^2/Hz, w = 2 pi f."""
+    w2 = (2 * np.pi * f[:, None]) ** 2
+    density: FloatArray = 2 * model.forcing / ((model.stiffness - w2) ** 2 + 4 * model.damping**2 * w2)
+    return density
+
+
+def measured_autocorrelation(theta: FloatArray, lags: int) -> FloatArray:
+    """Autocorrelation (lags, 3) of flexure (n, 3), 1 at lag 0."""
+    n = len(theta)
+    spectrum = np.fft.rfft(theta - theta.mean(axis=0), 2 * n, axis=0)
+    raw = np.fft.irfft(np.abs(spectrum) ** 2, axis=0)[:lags]
+    return raw / np.where(raw[:1] > 0, raw[:1], 1.0)
+
+
+def model_autocorrelation(lag: FloatArray, model: FlexureModel) -> FloatArray:
+    """``e^(-mu t) (cos(l t) + mu / l sin(l t))`` (k, 3) with l^2 = b^2 - mu^2, which may be negative."""
+    root = np.sqrt((model.stiffness - model.damping**2).astype(complex))
+    root = np.where(np.abs(root) < 1e-9, 1e-9, root)
+    t = lag[:, None]
+    values: FloatArray = np.real(
+        np.exp(-model.damping * t) * (np.cos(root * t) + model.damping / root * np.sin(root * t))
+    )
+    return values
+
+
+def log(rec: rr.RecordingStream, scene: Scene) -> None:
+    """Per axis, spectrum and autocorrelation; nothing where the longest run is too short."""
+    d = scene.deformation
+    run = longest_run(d)
+    theta, stamp = d.dynamic_part[run], d.stamp[run]
+    if len(stamp) < MIN_SAMPLES or not np.isfinite(theta).all():
+        return
+    rate = 1e9 / float(np.median(np.diff(stamp)))
+    f, density = measured_spectrum(theta, rate)
+    lags = int(min(MAX_LAG * rate, len(theta) / 2))
+    lag = np.arange(lags) / rate
+    measured, model = measured_autocorrelation(theta, lags), model_autocorrelation(lag, d.flexure)
+    expected = model_spectrum(f, d.flexure)
+    for axis, name in enumerate("xyz"):
+        log_chart(rec, f"spectra/density_{name}", _density_chart(f, density[:, axis], expected[:, axis]))
+        log_chart(rec, f"spectra/correlation_{name}", _correlation_chart(lag, measured[:, axis], model[:, axis]))
+
+
+def _density_chart(f: FloatArray, measured: FloatArray, model: FloatArray) -> Chart:
+    shown = (f <= HIGHEST) & (measured > 0)
+    f, measured, model = f[shown], measured[shown] / ARCMIN**2, model[shown] / ARCMIN**2
+    top = 10.0 ** np.ceil(np.log10(max(measured.max(), model.max())))
+    low = max(10.0 ** np.floor(np.log10(min(measured.min(), model.min()))), 1e-9 * top)
+    curves = [Curve(f, measured, BLUE, "measured", 1.5), Curve(f, model, ORANGE, "model", 2.0)]
+    return Chart(Axis(float(f[0]), float(f[-1]), "frequency [Hz]", True), Axis(low, top, "arcmin²/Hz", True), curves)
+
+
+def _correlation_chart(lag: FloatArray, measured: FloatArray, model: FloatArray) -> Chart:
+    step = max(1, len(lag) // 600)
+    curves = [
+        Curve(lag[[0, -1]], np.zeros(2), GREY, "", 0.7),
+        Curve(lag[::step], measured[::step], BLUE, "measured", 1.5),
+        Curve(lag[::step], model[::step], ORANGE, "model", 2.0),
+    ]
+    low = min(-0.4, float(min(measured.min(), model.min())) - 0.05)
+    return Chart(Axis(0.0, float(lag[-1]), "lag [s]"), Axis(low, 1.05, "correlation [1]"), curves)
+
+
+def tab(scene: Scene) -> rrb.Container:
+    """Spectra above, autocorrelations below."""
+    above = [chart_view(f"spectra/density_{n}", f"Flexure {a} spectrum [arcmin²/Hz]") for n, a in zip("xyz", AXES)]
+    below = [chart_view(f"spectra/correlation_{n}", f"Flexure {a} autocorrelation [1]") for n, a in zip("xyz", AXES)]
+    return rrb.Vertical(rrb.Horizontal(*above), rrb.Horizontal(*below), name="Spectra")

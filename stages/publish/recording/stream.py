@@ -1,0 +1,141 @@
+"""Columns into a Rerun recording: sliced, on both timelines, lines broken at gaps.
+
+Times go in as integer nanoseconds (timedelta64, datetime64): float seconds would lose them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from uuid import NAMESPACE_URL, uuid5
+
+import numpy as np
+import rerun as rr
+from rerun.blueprint import Blueprint
+
+from physics.interpolation import GAP_FACTOR, usual_interval
+from schemas.rig import FloatArray
+from schemas.trial import IntArray
+from stages.publish.recording.scene import Colour
+
+SLICE = 65_536  # rows per chunk: smaller chunks cost space, larger ones cost the viewer
+TRIAL, UTC = "trial_time", "utc"
+BREAK_FACTOR = 2.0 * GAP_FACTOR  # usual intervals without a sample after which a drawn line breaks
+
+
+def open_recording(path: Path, blueprint: Blueprint, name: str) -> rr.RecordingStream:
+    """A recording written to path, its layout first; its id follows from its name alone."""
+    recording = rr.RecordingStream("deckflex", recording_id=uuid5(NAMESPACE_URL, f"deckflex:{name}"))
+    recording.save(path, default_blueprint=blueprint)
+    return recording
+
+
+def send_lines(
+    rec: rr.RecordingStream,
+    entity: str,
+    stamp: IntArray,
+    epoch: int,
+    values: FloatArray,
+    names: Sequence[str],
+    colours: Sequence[Colour],
+    width: float = 1.5,
+) -> None:
+    """k lines over time from values (n, k) at stamp (n,) ns, broken at gaps; extremes survive zooming out."""
+    style = rr.SeriesLines(
+        names=list(names),
+        colors=list(colours),
+        widths=[width] * len(names),
+        aggregation_policy=rr.components.AggregationPolicy.MinMax,
+    )
+    rec.log(entity, style, static=True)
+    for at, block in _slices(*break_gaps(stamp, values)):
+        _send(rec, entity, at, epoch, rr.Scalars.columns(scalars=block.ravel()).partition([block.shape[1]] * len(at)))
+
+
+def send_band(
+    rec: rr.RecordingStream,
+    entity: str,
+    stamp: IntArray,
+    epoch: int,
+    values: FloatArray,
+    three_sigma: FloatArray,
+    names: Sequence[str],
+    colours: Sequence[Colour],
+    unit: str,
+) -> None:
+    """k lines values (n, k) within their bands of +-3 sigma (n, k); an unknown sigma draws no band."""
+    style = rr.Measurements.from_fields(
+        names=list(names),
+        colors=list(colours),
+        widths=[1.5] * len(names),
+        units=[unit] * len(names),
+        aggregation_policy=rr.components.AggregationPolicy.MinMax,
+    )
+    rec.log(entity, style, static=True)
+    k = values.shape[1]
+    for at, block in _slices(*break_gaps(stamp, np.hstack([values, np.nan_to_num(three_sigma) ** 2]))):
+        variance = np.nan_to_num(block[:, k:])
+        columns = rr.Measurements.columns(values=block[:, :k].ravel(), variances=variance.ravel())
+        _send(rec, entity, at, epoch, columns.partition([k] * len(at)))
+
+
+def send_states(
+    rec: rr.RecordingStream, entity: str, stamp: IntArray, epoch: int, states: Sequence[str], colours: dict[str, Colour]
+) -> None:
+    """One lane of states, each from its stamp until the next; an empty string ends the lane."""
+    known = list(colours)
+    style = rr.StateConfiguration(values=known, labels=known, colors=[colours[name] for name in known])
+    rec.log(entity, style, static=True)
+    _send(rec, entity, stamp, epoch, rr.StateChange.columns(state=list(states)))
+
+
+def _send(rec: rr.RecordingStream, entity: str, stamp: IntArray, epoch: int, columns: object) -> None:
+    times = [
+        rr.TimeColumn(TRIAL, duration=(stamp - epoch).view("timedelta64[ns]")),
+        rr.TimeColumn(UTC, timestamp=stamp.view("datetime64[ns]")),
+    ]
+    rr.send_columns(entity, times, columns, recording=rec)  # type: ignore[arg-type]
+
+
+def _slices(stamp: IntArray, values: FloatArray):  # type: ignore[no-untyped-def]
+    for start in range(0, len(stamp), SLICE):
+        yield np.ascontiguousarray(stamp[start : start + SLICE]), values[start : start + SLICE]
+
+
+def gap_starts(stamp: IntArray) -> IntArray:
+    """Indices k after which a gap follows: stamp[k + 1] comes more than a few usual intervals later."""
+    return np.flatnonzero(np.diff(stamp) > BREAK_FACTOR * usual_interval(stamp)).astype(np.int64)
+
+
+def break_gaps(stamp: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Stamps and values with a row of NaN just after the last sample before each gap, so that lines break there."""
+    gaps = gap_starts(stamp)
+    if not len(gaps):
+        return stamp, values
+    middle = stamp[gaps] + round(usual_interval(stamp))
+    return np.insert(stamp, gaps + 1, middle), np.insert(values, gaps + 1, np.nan, axis=0)
+
+
+def thin_extremes(stamp: IntArray, values: FloatArray, factor: int) -> tuple[IntArray, FloatArray]:
+    """Fewer rows by ``factor`` with no peak lost: of each bucket of 2 factor rows, per column, minimum and maximum.
+
+    They keep their order in time within the bucket; a bucket never reaches across a gap. stamp (n,) ns, values (n, k).
+    """
+    if factor <= 1:
+        return stamp, values
+    edges = np.concatenate([[0], gap_starts(stamp) + 1, [len(stamp)]])
+    parts = [_thin_run(stamp[a:b], values[a:b], 2 * factor) for a, b in pairwise(edges)]
+    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+
+
+def _thin_run(stamp: IntArray, values: FloatArray, bucket: int) -> tuple[IntArray, FloatArray]:
+    whole = len(stamp) // bucket * bucket
+    if not whole:
+        return stamp, values
+    cube = values[:whole].reshape(-1, bucket, values.shape[1])
+    low, high = cube.argmin(axis=1), cube.argmax(axis=1)
+    pair = np.stack([np.minimum(low, high), np.maximum(low, high)], axis=1)
+    picked = np.take_along_axis(cube, pair, axis=1).reshape(-1, values.shape[1])
+    times = stamp[:whole].reshape(-1, bucket)[:, [0, bucket // 2]].ravel()
+    return np.concatenate([times, stamp[whole:]]), np.concatenate([picked, values[whole:]])
