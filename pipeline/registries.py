@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -60,7 +61,7 @@ def _twins() -> tuple[Entry, ...]:
 def _opening(toml: str) -> str:
     """First sentence of the comment a twin's file opens with."""
     comment = takewhile(lambda line: line.startswith("#"), toml.splitlines())
-    return " ".join(line.lstrip("# ") for line in comment).split(". ")[0]
+    return re.split(r"\. (?=[A-Z])", " ".join(line.lstrip("# ") for line in comment))[0].rstrip(".")
 
 
 def _none() -> tuple[Entry, ...]:
