@@ -1,7 +1,7 @@
 """Second-order Gauss-Markov flexure of one axis: theta'' + 2 mu theta' + b^2 theta = w, b^2 = mu^2 + lambda^2.
 
-The white angular acceleration w has the two-sided spectral density q = 4 mu b^2 sigma^2, which makes sigma the stationary
-standard deviation of theta (IDAM eq. 3, corrected). lambda^2 < 0 (overdamped) is allowed as long as b^2 > 0.
+The white angular acceleration w has the two-sided spectral density q = 4 mu b^2 sigma^2, which makes sigma the
+stationary standard deviation of theta (IDAM eq. 3, corrected). lambda^2 < 0 (overdamped) is allowed while b^2 > 0.
 Units: mu 1/s, b^2 1/s^2, sigma rad, times s. The state is (theta, theta').
 """
 
@@ -22,7 +22,7 @@ def forcing(damping: float, stiffness: float, std: float) -> float:
 
 
 def impulse_response(damping: float, stiffness: float, lag: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """g(t) = exp(-mu t) sin(lambda t)/lambda and its derivative; lambda = 0 and lambda^2 < 0 as limits. Shapes of lag."""
+    """g(t) = exp(-mu t) sin(lambda t)/lambda and its derivative, shapes of lag; lambda = 0 as the limit."""
     t = np.asarray(lag, dtype=float)
     rate = np.sqrt(complex(stiffness - damping**2))
     x = rate * t
@@ -67,9 +67,9 @@ def noise_covariance(damping: float, stiffness: float, std: float, step: FloatAr
 
 
 def autocorrelation(damping: float, stiffness: float, std: float, lag: FloatArray) -> FloatArray:
-    """R(tau) = sigma^2 (g' + 2 mu g)(|tau|); sigma^2 b/lambda exp(-mu tau) sin(lambda tau + eps), eps = atan(lambda/mu).
+    """R(tau) = sigma^2 (g' + 2 mu g)(|tau|), g the impulse response.
 
-    IDAM eq. 17 with its factor put right.
+    The same as sigma^2 b/lambda exp(-mu tau) sin(lambda tau + atan(lambda/mu)): IDAM eq. 17, its factor put right.
     """
     g, g_dot = impulse_response(damping, stiffness, np.abs(lag))
     return std**2 * (g_dot + 2.0 * damping * g)
@@ -86,7 +86,7 @@ def sample(
 ) -> tuple[FloatArray, FloatArray]:
     """A stationary path (theta, theta'), each (n + 1,), at instants apart by steps (n,) s, exact in distribution.
 
-    theta being exact at every instant, its increments over the steps, and so the interval means of theta', are exact too.
+    theta being exact at every instant, so are its increments over the steps and the interval means of theta'.
     """
     from physics.recursion import linear_recursion
 

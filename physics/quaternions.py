@@ -1,4 +1,4 @@
-"""Quaternions x, y, z, w in bulk, plain numpy: for long records, where building rotation objects costs more than the sums.
+"""Quaternions x, y, z, w in bulk, plain numpy: for long records, where rotation objects cost more than the sums.
 
 All are unit quaternions with the shape (..., 4); ``multiply(q_a_b, q_b_c)`` is ``q_a_c``, as with matrices.
 """

@@ -1,7 +1,7 @@
 """The Twin: what an engineer believes about ship and sensors, as a TOML file.
 
-The tables and keys are those of the log contract; every key has a default, an unknown one is an error, and so is a value no
-ship or sensor could have. Units stand in the names or in the comments; :mod:`twin.simulation` converts to SI.
+The tables and keys are those of the log contract; every key has a default, an unknown one is an error, and so is a
+value no ship or sensor could have. Units stand in the names or in the comments; :mod:`twin.simulation` converts to SI.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class Run(Section):
 
 
 class Phase(Section):
-    """From start (s) on, reached over ramp (s): speed (knots), heading (deg), sea (factor on all wave motion), weave (deg).
+    """From start (s) on, reached over ramp (s): speed (knots), heading (deg), sea (factor on all wave motion), weave.
 
-    A phase that leaves a key out keeps the value before it. weave is the amplitude of the course swinging at weave_period.
+    A phase that leaves a key out keeps the value before it. weave (deg): the course's swing at weave_period.
     """
 
     start: NotNegative
@@ -77,8 +77,9 @@ class Ship(Section):
 class Sea(Section):
     """Wave motion: rows of amplitude, period s, phase deg; angles in deg, surge, sway and heave in m.
 
-    model = "spectrum" draws the rows instead: a JONSWAP spectrum per motion with significant amplitude (twice the standard
-    deviation; deg or m), peak period s, peak_enhancement (1: Pierson-Moskowitz) and components lines of random phase.
+    model = "spectrum" draws the rows instead: a JONSWAP spectrum per motion with significant amplitude (twice the
+    standard deviation; deg or m), peak period s, peak_enhancement (1: Pierson-Moskowitz), and components: number of
+    lines.
     """
 
     model: Literal["rows", "spectrum"] = "rows"
@@ -158,7 +159,7 @@ class Imus(Section):
 
 
 class Phins(Section):
-    """A PHINS beside each IMU: attitude errors arcmin and s, installation deviation pitch, roll, heading deg, own noise."""
+    """A PHINS beside each IMU: attitude errors (arcmin, s), installation as pitch, roll, heading (deg), own noise."""
 
     attitude_noise_arcmin: NotNegative = 0.06
     attitude_drift_arcmin: tuple[NotNegative, NotNegative, NotNegative] = (0.3, 0.3, 0.6)
@@ -178,7 +179,7 @@ class Gnss(Section):
 
 
 class Temperature(Section):
-    """Warm-up from start (deg C) by rise (K) with time constant tau (s), a swing (K) with a period (s), white noise (K)."""
+    """Warm-up from start (deg C) by rise (K) with time constant tau (s), a swing (K, s), white noise (K)."""
 
     rate: Annotated[float, Field(gt=0.0, le=50.0)] = 1.0
     start: Annotated[float, Field(ge=-60.0, le=90.0)] = 20.0
@@ -205,10 +206,11 @@ Profile = tuple[Finite, Finite, Positive, Finite, Positive]
 class Deck(Section):
     """A SINS slid along a path on the deck: k(s) = a + b exp(-s/l) + c sin(2 pi s/L) rad/m about each hull axis.
 
-    length m; speed m/s; angle deg to the centreline, to port. Runs go from the deck's edge (s = 0) to its centre, the origin of
-    the deck frame, and back in turn when they alternate. Each is recorded from pause s before it moves until pause s after;
-    ramp s to reach the speed; turnaround s between records; start s of the first record. origin: deck frame's origin
-    from the main IMU (m, m-axes); height of the sled (m). Own mounting (arcmin), outliers (1/min, deg/s), odometry noise.
+    length m; speed m/s; angle deg to the centreline, to port. Runs go from the deck's edge (s = 0) to its centre, the
+    origin of the deck frame, and back in turn when they alternate. Each is recorded from pause s before it moves until
+    pause s after; ramp s to reach the speed; turnaround s between records; start s of the first record. origin: the
+    deck frame's origin from the main IMU (m, m-axes); height of the sled (m). Own mounting (arcmin), outliers (1/min,
+    deg/s), odometry noise (m, m/s).
     """
 
     length: Annotated[float, Field(gt=1.0, le=1000.0)] = 100.0

@@ -1,8 +1,8 @@
 """Exact motion of the main IMU: attitude, rates and specific force at any time, from closed forms.
 
-The ship runs with a speed along a course; waves add surge, sway and heave in axes turned with the course, and pitch, roll
-and heading about it. Angles, velocities and their derivatives are closed forms; latitude and longitude are the integral of
-the velocity over the ellipsoid, once for the whole record.
+The ship runs with a speed along a course; waves add surge, sway and heave in axes turned with the course, and pitch,
+roll and heading about it. Angles, velocities and their derivatives are closed forms; latitude and longitude are the
+integral of the velocity over the ellipsoid, once for the whole record.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ class ShipMotion:
         swing = Harmonics(np.ones(1), np.array([2.0 * np.pi / self.ship.weave_period]), np.zeros(1))
         return self._course.at(t) + _product(self._weave.at(t), swing.at(t))
 
-    def _velocity(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _velocity(self, t: NDArray) -> tuple[FloatArray, FloatArray]:
         """Velocity and its derivative in ENU, each (n, 3)."""
         swell, course = self._swell.at(t), self._heading(t)
         surge, sway, heave = (_product_rate(swell, self.sea[name].at(t)) for name in ("surge", "sway", "heave"))
@@ -163,7 +163,7 @@ class ShipMotion:
             north = velocity[:, 1] / (meridian + path[:, 2])
             east = velocity[:, 0] / ((transverse + path[:, 2]) * np.cos(path[:, 0]))
             integral = CubicSpline(t, np.stack([north, east, velocity[:, 2]], axis=-1)).antiderivative()
-            path = start + integral(t) - integral(0.0)
+            path = start + integral(t) - integral(np.zeros(1))
         return CubicSpline(t, path)
 
 

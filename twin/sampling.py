@@ -19,7 +19,7 @@ FINEST = 0.005  # s, longest step of the quadrature of specific force
 
 @dataclass(frozen=True)
 class Body:
-    """A unit at the nodes of a slab: q_i_b (n, 4) attitude in the inertial frame, force (n, 3) m/s^2 in its own axes."""
+    """A unit at the nodes of a slab: q_i_b (n, 4) attitude against i, force (n, 3) m/s^2 in its own axes."""
 
     q_i_b: FloatArray
     force: FloatArray
@@ -39,8 +39,8 @@ def main_body(motion: Motion) -> Body:
 def sub_body(motion: Motion, theta: FloatArray, phi: FloatArray, arm: FloatArray, lever: LeverPath) -> Body:
     """The sub-IMU, R_m_s = Exp(theta) Exp(Phi), at rho = r + theta_f x r from the main IMU.
 
-    f_s = R_s_m (f_m + omega' x rho + omega x (omega x rho) + 2 omega x rho' + rho''), theta_f the flexure within the lever
-    arm's band; gravity is that of the main IMU's place. theta, phi: (n, 3) rad. arm: (3,) m.
+    f_s = R_s_m (f_m + omega' x rho + omega x (omega x rho) + 2 omega x rho' + rho''), theta_f the flexure within the
+    lever arm's band; gravity is that of the main IMU's place. theta, phi: (n, 3) rad. arm: (3,) m.
     """
     shift, rate, acceleration = lever.at(motion.t)
     r = np.broadcast_to(arm, shift.shape)
@@ -59,13 +59,13 @@ def force_at(motion: Motion, place: FloatArray, velocity: FloatArray, accelerati
 
 
 def mean_rate(q_i_b: FloatArray, t: FloatArray) -> FloatArray:
-    """Log(R(t_{k-1})^T R(t_k)) / (t_k - t_{k-1}), (n, 3) rad/s, from attitudes (n + 1, 4) at edges t (n + 1,): exact."""
+    """Log(R(t_{k-1})^T R(t_k)) / (t_k - t_{k-1}), (n, 3) rad/s, exact, from attitudes (n + 1, 4) at edges t."""
     turn = quaternions.log(quaternions.multiply(quaternions.conjugate(q_i_b[:-1]), q_i_b[1:]))
     return turn / np.diff(t)[:, None]
 
 
 def mean_force(force: FloatArray, per_sample: int) -> FloatArray:
-    """Composite Simpson means (n, 3) over intervals of ``per_sample`` (even) steps, from nodes (n per_sample + 1, 3)."""
+    """Composite Simpson means (n, 3) over intervals of ``per_sample`` (even) steps, nodes (n per_sample + 1, 3)."""
     n = (len(force) - 1) // per_sample
     weight = np.tile([2.0, 4.0], per_sample // 2)
     weight[0] = 1.0

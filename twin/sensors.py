@@ -1,4 +1,4 @@
-"""Errors of inertial units, of PHINS attitudes, and the other instruments. Inputs are ideal samples; randomness from a generator."""
+"""Errors of inertial units and of PHINS attitudes, and the other instruments. Inputs are ideal samples."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def spoil_accel(accel: FloatArray, belief: Imu, rate: float, rng: np.random.Gene
 
 
 def outliers(n: int, rate: float, per_minute: float, size_deg: float, rng: np.random.Generator) -> FloatArray:
-    """Single-sample outliers (n, 3) rad/s of half to one and a half the size, either sign, each on one axis at random."""
+    """Single-sample outliers (n, 3) rad/s of half to one and a half the size, either sign, each on one random axis."""
     out = np.zeros((n, 3))
     count = rng.poisson(per_minute / 60.0 * n / rate)
     size = size_deg * DEG * rng.uniform(0.5, 1.5, count) * rng.choice([-1.0, 1.0], count)
@@ -57,12 +57,13 @@ def markov(n: int, step: float, std: Sequence[float], tau: float, rng: np.random
 
 def installation(angles_deg: Sequence[float]) -> FloatArray:
     """``R_imu_phins = Rz(heading) Rx(pitch) Ry(roll)`` (3, 3) from pitch, roll, heading in degrees."""
-    pitch, roll, heading = (np.float64(angle * DEG) for angle in angles_deg)
-    return rotations.from_euler(heading, pitch, roll)
+    pitch, roll, heading = np.array(angles_deg, dtype=float)[:, None] * DEG
+    return rotations.from_euler(heading, pitch, roll)[0]
 
 
-def phins_attitude(q_n_imu: FloatArray, angles_deg: Sequence[float], belief: Phins, rate: float, rng: np.random.Generator
-                   ) -> FloatArray:  # fmt: skip
+def phins_attitude(
+    q_n_imu: FloatArray, angles_deg: Sequence[float], belief: Phins, rate: float, rng: np.random.Generator
+) -> FloatArray:
     """Exp(drift) R_n_imu R_imu_phins Exp(noise), quaternions (n, 4).
 
     The drift is a rotation vector in ENU (pitch's about east, roll's about north, heading's about up), first-order

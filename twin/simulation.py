@@ -1,8 +1,8 @@
 """From a twin to a trial with its truth.
 
-Conventions: a gyro sample is the exact rotation increment over the interval that ends at its stamp, divided by its length; an
-accelerometer sample the mean over the same interval; attitudes are instantaneous. A sub-IMU sample stamped t was measured at
-t - delay. The first stamp is the epoch; its interval begins one sample earlier.
+Conventions: a gyro sample is the exact rotation increment over the interval that ends at its stamp, divided by its
+length; an accelerometer sample the mean over the same interval; attitudes are instantaneous. A sub-IMU sample stamped t
+was measured at t - delay. The first stamp is the epoch; its interval begins one sample earlier.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class World:
 
 @dataclass(frozen=True)
 class Ideal:
-    """Error-free samples (n, ...) of main, sub (as stamped) and the deck at the sub-IMU (no delay); q_n: body to ENU."""
+    """Error-free samples (n, ...) of main, sub (as stamped) and deck (the sub's place, no delay); q_n: body to ENU."""
 
     main_gyro: FloatArray
     main_accel: FloatArray
@@ -140,7 +140,8 @@ def make_world(twin: Twin, streams: dict[str, np.random.Generator]) -> World:
     latest = max(stamped[-1], measured.max(), *(t.max() for t in others)) + spread
     scene = Scene(twin, ShipMotion(twin.ship, realise(twin.sea, streams["sea"]), (earliest, latest)))
     step = 1.0 / (per_sample * twin.run.rate)
-    grid = np.arange(int(np.floor(earliest / step)), int(np.ceil(latest / step)) + 1) * step
+    count = np.arange(int(np.floor(earliest / step)), int(np.ceil(latest / step)) + 1)
+    grid = np.asarray(count * step, dtype=np.float64)
     path = bending.draw_path([grid, stamped, measured, *others], scene, built, streams["flexure"])
     return World(scene, built, path, bending.lever_path(path, grid, twin.mount.lever_bandwidth), per_sample)
 
@@ -205,7 +206,7 @@ def _imu(
 ) -> ImuSeries:
     """A unit's series from ideal samples: effects, errors, effects on the finished series."""
     scene, belief = world.scene, getattr(world.scene.twin.imu, unit)
-    t = (stamp - scene.twin.run.start * 1_000_000_000) * 1e-9
+    t = np.asarray((stamp - scene.twin.run.start * 1_000_000_000) * 1e-9, dtype=np.float64)
     for effect in world.effects:
         gyro = effect.gyro(unit, t, gyro, scene, streams["effects"])
         accel = effect.accel(unit, t, accel, scene, streams["effects"])

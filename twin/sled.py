@@ -20,8 +20,11 @@ GRID = 0.02  # m, between the points that carry the deck line
 
 @dataclass(frozen=True)
 class SledMotion:
-    """The sled against the hull at times (n,): q_m_sled (n, 4) without flexure; position, velocity, acceleration (n, 3) of the
-    sled in the deck frame (hull axes, m, m/s, m/s^2), arc_length (n,) m."""
+    """The sled against the hull at times (n,).
+
+    q_m_sled: (n, 4), without flexure. position, velocity, acceleration: (n, 3) in the deck frame (hull axes), m, m/s,
+    m/s^2. arc_length: (n,) m from the deck's edge.
+    """
 
     q_m_sled: FloatArray
     position: FloatArray
@@ -37,7 +40,7 @@ class DeckPath:
     deck: Deck
 
     def curvature(self, s: FloatArray) -> FloatArray:
-        """k(s) (n, 3) rad/m about x (vertical), y (torsion), z (horizontal) at arc lengths s (n,) m from the deck's edge."""
+        """k(s) (n, 3) rad/m about x (vertical), y (torsion), z (horizontal), s (n,) m from the deck's edge."""
         return np.stack([_profile(p, s) for p in self.deck.profiles], axis=-1)
 
     def at(self, t: FloatArray, start: float, forward: bool) -> SledMotion:

@@ -1,11 +1,11 @@
 """Effects: what reality may add to a twin.
 
 An effect is a class with a ``name`` and keyword parameters (those of its ``[[effect]]`` table); it derives from
-:class:`Effect` and overrides the hooks it acts through. A hook left alone hands back what it was given. Adding an effect
-takes a file in this folder and a line in ``REGISTRY``.
+:class:`Effect` and overrides the hooks it acts through. A hook left alone hands back what it was given. Adding an
+effect takes a file in this folder and a line in ``REGISTRY``.
 
-The hooks are called in this order. Times are seconds since the epoch; ``scene`` answers questions about the motion at any
-time; arrays are never changed in place.
+The hooks are called in this order. Times are seconds since the epoch; ``scene`` answers questions about the motion at
+any time; arrays are never changed in place.
 
 =============  =====================================================================================================
 twin           parameters of the twin itself: lever arm, static angle, gyro biases, flexure parameters, delay, ...
