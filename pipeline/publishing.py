@@ -97,9 +97,9 @@ def _write_log(path: Path, run: LogRun, outputs: Outputs) -> None:
 
 
 def _write_recording(path: Path, run: LogRun, outputs: Outputs) -> None:
-    from stages.publish.rerun_bridge import save_run
+    from stages.publish.rerun_bridge import write_recording
 
-    save_run(run.result, run.decoded.trial, path, truth=run.decoded.truth, rate=outputs.rrd_rate)
+    write_recording(run.result, run.decoded.trial, run.decoded.truth, path, outputs.rrd_rate)
 
 
 def _write_parquet(run: LogRun, directory: Path | None) -> dict[str, str]:

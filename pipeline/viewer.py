@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+from pipeline.files import check_input
 from pipeline.one_log import Progress, run_log
 from pipeline.options import RunOptions
 from pipeline.publishing import Outputs, write_outputs
@@ -30,15 +32,14 @@ def view(path: Path, options: RunOptions, *, web: bool = False, progress: Progre
 
 
 def viewer_command(recording: Path, *, web: bool) -> list[str]:
-    """The viewer's own command line: bound to loopback, on a free port, without sending usage statistics."""
+    """The viewer's own command line: bound to loopback, on a free port."""
     command = [sys.executable, "-m", "rerun_cli", str(recording.resolve()), "--bind", LOOPBACK, "--port", "auto"]
     return [*command, "--web-viewer", "--web-viewer-port", "0"] if web else command
 
 
 def _show(recording: Path, web: bool) -> None:
-    from pipeline.files import check_input
-
     command = viewer_command(check_input(recording), web=web)
-    status = subprocess.run(command, check=False, stdout=sys.stderr).returncode
+    quiet = {} if web else {"RUST_LOG": "error"}
+    status = subprocess.run(command, check=False, stdout=sys.stderr, env={**os.environ, **quiet}).returncode
     if status != 0:
         raise DataError(f"the viewer ended with status {status}; without a screen, try --web", file=recording)
