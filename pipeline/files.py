@@ -59,12 +59,16 @@ def staged(targets: Sequence[Path]) -> Iterator[list[Path]]:
 
 
 @contextmanager
-def writing(target: Path) -> Iterator[None]:
-    """Name the target in whatever the file system says against writing it."""
+def writing(target: Path, temporary: Path | None = None) -> Iterator[None]:
+    """Name the target, not its temporary stand-in, in whatever is said against writing it."""
     try:
         yield
     except OSError as error:
         raise DataError(f"cannot be written: {reason(error)}", file=target) from error
+    except DataError as error:
+        if temporary is None or error.file != str(temporary):
+            raise
+        raise DataError(error.problem, file=target, channel=error.channel, time_s=error.time_s) from error
 
 
 def reason(error: OSError) -> str:

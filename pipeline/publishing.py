@@ -75,7 +75,7 @@ def _write_all(
     """Every file under a temporary name first; all of them appear at once, or none."""
     with staged(list(files.values())) as temporary:
         for (kind, target), path in zip(files.items(), temporary, strict=True):
-            with writing(target):
+            with writing(target, path):
                 writers[kind](path)
         also = others()
     return {kind: str(path) for kind, path in files.items()} | also

@@ -7,7 +7,10 @@ from typing import Any
 
 from pipeline.files import staged, writing
 from pipeline.one_log import Progress, Steps
+from pipeline.provenance import deckflex_version
 from schemas.errors import DataError
+
+RECORD = "deckflex_simulation"  # name of the metadata record that holds the twin
 
 
 def simulate_log(
@@ -21,7 +24,7 @@ def simulate_log(
 
     from schemas.wire import write_log
     from stages.publish.simulation import simulation_tables
-    from twin import load_twin, make_twin, simulate
+    from twin import dump_twin, load_twin, make_twin, simulate
 
     steps = Steps(progress)
     loaded = load_twin(twin)
@@ -31,9 +34,9 @@ def simulate_log(
     settled = make_twin(table, file=twin)
     with steps.step("simulate"):
         simulation = simulate(settled, np.random.default_rng(settled.run.seed))
-    with steps.step("write"), staged([target]) as (path,), writing(target):
+    with steps.step("write"), staged([target]) as (path,), writing(target, path):
         tables = simulation_tables(simulation)
-        write_log(path, tables)
+        write_log(path, tables, metadata={RECORD: {"deckflex": deckflex_version(), "twin": dump_twin(settled)}})
     return {
         "log": str(target),
         "twin": settled.name,

@@ -94,3 +94,9 @@ def test_a_full_disk_is_told_with_the_target(tmp_path):
         writing(tmp_path / "out.mcap"),
     ):
         raise full
+
+
+def test_people_read_the_targets_name_not_the_temporary_one(tmp_path):
+    temporary = tmp_path / ".out.123.mcap"
+    with pytest.raises(DataError, match=r"^[^ ]*/out\.mcap: disk full"), writing(tmp_path / "out.mcap", temporary):
+        raise DataError("disk full", file=temporary)
