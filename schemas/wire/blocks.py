@@ -1,0 +1,173 @@
+"""Blocks of messages into memory: decompressed, checked, and every message found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mcap import records as mcap
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from schemas.wire.container import Block, File
+from schemas.wire.records import (
+    FRAME,
+    FRAME_SIZE,
+    MAX_CHUNK,
+    MESSAGE_BODY,
+    ChunkHead,
+    RecordError,
+    check_crc,
+    chunk_head,
+    decompress_available,
+    decompress_into,
+    frames,
+    message_heads,
+    parse_record,
+)
+
+Bytes = NDArray[np.uint8]
+Starts = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a block held: size bytes in the buffer, starts (n,) of its message records, its other records."""
+
+    size: int
+    starts: Starts
+    others: list[mcap.Schema | mcap.Channel]
+    problem: str = ""
+
+
+class Space(list[Bytes]):
+    """One reusable buffer that grows when asked; holds a single array."""
+
+    def at(self, start: int, size: int) -> Bytes:
+        """The buffer's bytes start..start + size, with what was before start kept."""
+        if not self or len(self[0]) < start + size:
+            larger = np.empty(max(start + size, 2 * (len(self[0]) if self else 0)), np.uint8)
+            if self:
+                larger[:start] = self[0][:start]
+            self[:] = [larger]
+        return self[0][start : start + size]
+
+
+def load(file: File, block: Block, space: Space, start: int, room: int) -> Contents:
+    """Put a block's records into the buffer at start, with room bytes to spare, and find its messages.
+
+    Raises RecordError when nothing of it can be used.
+    """
+    if block.chunk:
+        return _load_chunk(file, block, space, start, room)
+    data = np.frombuffer(file.read(block.start, block.stop), np.uint8)
+    space.at(start, len(data) + room)[: len(data)] = data
+    return _walk(space[0], start, len(data))
+
+
+def _load_chunk(file: File, block: Block, space: Space, start: int, room: int) -> Contents:
+    body = file.read(block.start, max(block.stop, block.index[1]))
+    index = body[block.index[0] - block.start :] if block.index[1] else b""
+    view = memoryview(body)[: block.stop - block.start]
+    head = chunk_head(view, partial=block.partial)
+    if head.size > MAX_CHUNK:
+        raise RecordError(f"it claims {head.size} uncompressed bytes, more than the {MAX_CHUNK} allowed")
+    if block.partial:
+        return _load_partial(view, head, space, start, room)
+    out = space.at(start, head.size + room)[: head.size]
+    decompress_into(view[head.data_start :], head.compression, out.data)
+    check_crc(out.data, head.crc)
+    if index:
+        found = _from_index(space[0], start, head.size, _index_offsets(index))
+        if found is not None:
+            return found
+    return _walk(space[0], start, head.size)
+
+
+def _load_partial(view: memoryview, head: ChunkHead, space: Space, start: int, room: int) -> Contents:
+    data = decompress_available(view[head.data_start :], head.compression, head.size)
+    space.at(start, len(data) + room)[: len(data)] = np.frombuffer(data, np.uint8)
+    found = _walk(space[0], start, len(data))
+    return Contents(found.size, found.starts, found.others, "the end of it is missing")
+
+
+def _index_offsets(index: bytes) -> Starts:
+    """Offsets of all messages named by message index records, sorted."""
+    parts = [np.frombuffer(index, "<u8", (length - 6) // 16 * 2, start + 6)[1::2] for _, start, length in frames(index)]
+    offsets = np.concatenate(parts) if parts else np.zeros(0, np.uint64)
+    offsets.sort()
+    return offsets.astype(np.int64)
+
+
+def _from_index(buffer: Bytes, start: int, size: int, offsets: Starts) -> Contents | None:
+    """Contents by the message index; None when it does not account for every byte of the chunk."""
+    end = start + size
+    starts = offsets + start
+    if len(starts) == 0 or starts[0] < start or starts[-1] > end - FRAME_SIZE - MESSAGE_BODY:
+        return None
+    heads = message_heads(buffer[:end], starts)
+    length = heads["size"]
+    if (heads["opcode"] != Opcode.MESSAGE).any() or (length > size).any() or (length < MESSAGE_BODY).any():
+        return None
+    stops = starts + length.astype(np.int64) + FRAME_SIZE
+    before = np.concatenate([[start], stops])
+    after = np.concatenate([starts, [end]])
+    if (before > after).any():
+        return None
+    others: list[Any] = []
+    for gap in np.flatnonzero(before < after):
+        if not _take_gap(buffer[before[gap] : after[gap]], others):
+            return None
+    return Contents(size, starts, others)
+
+
+def _take_gap(data: Bytes, others: list[Any]) -> bool:
+    """Schemas and channels between messages; False when there is anything else."""
+    try:
+        for opcode, start, length in frames(data.data):
+            if opcode == Opcode.MESSAGE:
+                return False
+            _take_other(opcode, data[start : start + length].tobytes(), others)
+    except RecordError:
+        return False
+    return True
+
+
+def _take_other(opcode: int, body: bytes, others: list[Any]) -> None:
+    if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+        others.append(parse_record(opcode, body))
+
+
+def _walk(buffer: Bytes, start: int, size: int) -> Contents:
+    """Contents found record by record; stops with a problem at a record that does not fit."""
+    view = buffer.data
+    starts: list[int] = []
+    others: list[Any] = []
+    problem = ""
+    position, end, unpack, note = start, start + size, FRAME.unpack_from, starts.append
+    while position < end:
+        opcode, length = unpack(view, position) if position + FRAME_SIZE <= end else (0, 0)
+        if opcode == 0 or length > end - position - FRAME_SIZE:
+            problem = f"{end - position} of its {size} bytes at the end hold no whole record"
+            break
+        if opcode == Opcode.MESSAGE and length >= MESSAGE_BODY:
+            note(position)
+        elif opcode == Opcode.MESSAGE:
+            problem = "a message record in it is too short to be one and is left out"
+        else:
+            problem = _try_other(view, opcode, position + FRAME_SIZE, length, others) or problem
+        position += FRAME_SIZE + length
+    return Contents(size, np.array(starts, np.int64), others, problem)
+
+
+def _try_other(view: memoryview, opcode: int, start: int, length: int, others: list[Any]) -> str:
+    try:
+        _take_other(opcode, bytes(view[start : start + length]), others)
+    except RecordError as error:
+        return str(error)
+    return ""
+
+
+Progress = Callable[[int, int], None]
