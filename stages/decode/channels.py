@@ -45,7 +45,7 @@ def imu(table: Table, channel: ImuChannel, instantaneous: bool, epoch: int | Non
     gyro, accel = gyro[good], accel[good]
     quaternion, about_attitude = _attitude(table, channel, keep[good])
     series = ImuSeries(settled.stamp[good], gyro, accel, quaternion, instantaneous)
-    return series, settled.notes + told + about_attitude + values.remarks(gyro, accel)
+    return series, settled.notes + told + about_attitude + values.remarks(series.stamp, gyro, accel)
 
 
 def phins(table: Table, channel: ImuChannel, instantaneous: bool, epoch: int | None = None) -> tuple[ImuSeries, Notes]:
@@ -86,7 +86,7 @@ def gnss(table: Table, channel: Channel, epoch: int | None = None) -> tuple[Gnss
     good = np.asarray(fixed[settled.keep])
     _enough(int(np.count_nonzero(good)), 1)
     keep = settled.keep[good]
-    told = values.counted(~good, settled.stamp, epoch, "without a fix left out")
+    told = values.counted(np.logical_not(good), settled.stamp, epoch, "without a fix left out")
     latitude, longitude, altitude = position[keep].T.copy()
     covariance = _position_covariance(table, channel)[keep]
     series = GnssSeries(settled.stamp[good], latitude * DEG, longitude * DEG, altitude, covariance)

@@ -29,7 +29,7 @@ _DEFAULT_PATH = {
     "velocity": "twist.twist.linear",
     "status": "status.status",
 }
-_STAMP_PARTS = (("sec", "nanosec"), ("secs", "nsecs"), ("seconds", "nanos"))
+_STAMP_PARTS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
 _STAMP_FACTOR = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
 
@@ -74,7 +74,17 @@ def stamps(table: Table, channel: Channel) -> IntArray:
         if all(part in table.columns for part in parts):
             whole, rest = (np.asarray(_number(table, part), dtype=np.int64) for part in parts)
             return whole * 1_000_000_000 + rest
+    if path in table.columns and table.columns[path].dtype.kind in "OU":
+        return _from_text(table.columns[path], path)
     return _as_nanoseconds(_number(table, path), _STAMP_FACTOR[channel.stamp_unit])
+
+
+def _from_text(column: np.ndarray, path: str) -> IntArray:
+    """ISO 8601 in UTC, as protobuf's JSON writes times."""
+    try:
+        return np.array([str(text).removesuffix("Z") for text in column], dtype="datetime64[ns]").astype(np.int64)
+    except ValueError as error:
+        raise DataError(f"field {path} is neither a number nor a time in ISO 8601") from error
 
 
 def _as_nanoseconds(column: np.ndarray, factor: int) -> IntArray:

@@ -10,6 +10,7 @@ from schemas.errors import DataError
 from schemas.trial import Trial, Truth
 from schemas.wire import Log, Table, read_log
 from stages.decode import channels, plausible
+from stages.decode.foreign import with_foreign
 from stages.decode.profile import RigProfile, default_rig
 from stages.decode.roles import Found, Notes, decode_role, epoch_of, has_channel, table_of, topics
 
@@ -47,9 +48,9 @@ def decode(path: Path | str, rig_profile: RigProfile | None = None, progress: Pr
     channel, where a required channel is missing, dead, too short or contradicts the units the profile declares.
     """
     profile = rig_profile or default_rig()
-    log = read_log(path, topics=topics(profile), progress=progress)
-    tables, log = dict(log.tables), replace(log, tables={})
     try:
+        log = with_foreign(read_log(path, topics=topics(profile), progress=progress), topics(profile))
+        tables, log = dict(log.tables), replace(log, tables={})
         trial = _trial(log, tables, profile, str(path))
         truth, about_truth = _truth(log, tables, profile)
     except DataError as error:

@@ -12,6 +12,7 @@ from schemas.errors import DataError
 from schemas.wire import ChannelInfo, Log, Table, read_log, scan_log
 from stages.decode import columns, stamps
 from stages.decode.decoding import ORDER, check_pair, release
+from stages.decode.foreign import with_foreign
 from stages.decode.profile import DEFAULTS, IMU, REQUIRED, RigProfile, default_rig
 from stages.decode.roles import Found, decode_role, epoch_of, has_channel, same_type, table_of, topics
 
@@ -77,7 +78,7 @@ def health(
     profile = rig_profile or default_rig()
     listing = scan_log(path)
     known = {info.topic for info in listing.channels if _known_type(info)} | topics(profile)
-    log = read_log(path, topics=known, progress=progress)
+    log = _read(path, known, topics(profile), progress)
     tables, log = dict(log.tables), replace(log, tables={})
     looked = tuple(_channel(info, tables.get(info.topic), profile) for info in log.channels)
     found, notes, refusals = _decoded_roles(log, tables, profile)
@@ -94,6 +95,16 @@ def health(
         start=min(begins, default=None),
         end=max(ends, default=None),
     )
+
+
+def _read(
+    path: Path | str, known: set[str], wanted: frozenset[str], progress: Callable[[int, int], None] | None
+) -> Log:
+    log = read_log(path, topics=known, progress=progress)
+    try:
+        return with_foreign(log, wanted)
+    except DataError as error:
+        return replace(log, problems=(*log.problems, str(error)))
 
 
 def _known_type(info: ChannelInfo) -> bool:

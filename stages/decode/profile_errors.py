@@ -22,8 +22,10 @@ def _sentence(problem: Any, model: type[BaseModel]) -> str:
     if problem["type"] == "extra_forbidden":
         return f"unknown key {key}{_suggestion(problem['loc'], model)}"
     message = str(problem["msg"]).removeprefix("Value error, ")
-    given = problem.get("input")
-    shown = f", not {given!r}" if isinstance(given, str | int | float) and "rror" not in problem["type"] else ""
+    if problem["type"].startswith(("model_", "dict_")):
+        message = "should be a table"
+    given = problem["input"]
+    shown = f", not {given!r}" if isinstance(given, str | int | float) and problem["type"] != "value_error" else ""
     return f"{key}: {_lowered(message)}{shown}" if key else message
 
 

@@ -24,6 +24,8 @@ GAP_PERIODS = 1.5
 """A distance between stamps beyond this many sample periods is a gap (one missing sample makes 2)."""
 COARSE_SHARE = 0.2
 """More duplicates than this share, with different data: the stamps are too coarse to be used."""
+JITTER_SHARE = 0.02
+"""Jitter (rms) beyond this share of the sample period is told."""
 LATEST_NS = 2**62
 """Stamps beyond this (year 2116) or not after 0 are no measurement times."""
 
@@ -89,7 +91,8 @@ def settle(stamp: IntArray, log_time: IntArray, same: Same, epoch: int | None = 
     kept, told = _distinct(stamp[keep], keep, same)
     keep = keep[kept]
     start = epoch if epoch is not None else int(stamp[keep[0]])
-    return Settled(keep, stamp[keep], notes + told + _gap_notes(stamp[keep], start))
+    found = facts(stamp[keep])
+    return Settled(keep, stamp[keep], notes + told + _jitter_note(found) + _gap_note(found, stamp[keep], start))
 
 
 def _measured(stamp: IntArray, log_time: IntArray) -> tuple[IntArray, IntArray, tuple[str, ...]]:
@@ -117,7 +120,7 @@ def _without_glitches(stamp: IntArray, _: IntArray) -> tuple[IntArray, tuple[str
     """Leave out single samples whose stamps lie far off both neighbours, backwards or forwards."""
     cuts = _jumps(stamp)
     keep = np.ones(len(stamp), dtype=bool)
-    before = 0
+    before = int(cuts[0]) - 1 if len(cuts) else 0
     for first, last in zip(cuts, [*cuts[1:], len(stamp)]):
         jump = stamp[first] - stamp[before]
         after = stamp[last] - stamp[before] if last < len(stamp) else -jump
@@ -193,8 +196,13 @@ def _distinct(stamp: IntArray, index: IntArray, same: Same) -> tuple[IntArray, t
     return kept, (f"{_samples(len(again))} with a duplicate stamp left out{clash}",)
 
 
-def _gap_notes(stamp: IntArray, epoch: int) -> tuple[str, ...]:
-    found = facts(stamp)
+def _jitter_note(found: StampFacts) -> tuple[str, ...]:
+    if found.jitter < JITTER_SHARE * found.period or found.period == 0.0:
+        return ()
+    return (f"stamps jitter by {1e3 * found.jitter:.3f} ms (rms) about their period of {1e3 * found.period:.3f} ms",)
+
+
+def _gap_note(found: StampFacts, stamp: IntArray, epoch: int) -> tuple[str, ...]:
     at = (found.longest_gap_at - epoch) * 1e-9
     if found.gaps == 0:
         return ()

@@ -44,25 +44,32 @@ def usable(
     return finite & ~stuck, notes
 
 
-def remarks(gyro: FloatArray, accel: FloatArray) -> tuple[str, ...]:
+def remarks(stamp: IntArray, gyro: FloatArray, accel: FloatArray) -> tuple[str, ...]:
     """What looks odd in the values but stays: held, saturated and spiky samples."""
     notes = _held(np.concatenate([gyro, accel], axis=1))
+    near = _evenly_spaced(stamp)
     for name, values in (("gyro", gyro), ("accelerometer", accel)):
         for axis, column in zip(_AXES, values.T):
-            notes += _saturated(column, f"{name} {axis}") + _spikes(column, f"{name} {axis}")
+            notes += _saturated(column, f"{name} {axis}")
+        notes += _spiky(values, near, name)
     return notes
 
 
 def frozen(stamp: IntArray, values: FloatArray) -> BoolArray:
-    """(n,) True for the repeats within stretches of identical rows of values (n, k) that last too long."""
+    """(n,) True for the repeats within stretches of identical rows of values (n, k) that last too long.
+
+    The first row of a stretch is taken for a measurement, unless all of it is zero.
+    """
     repeat = np.zeros(len(stamp), dtype=bool)
     repeat[1:] = (values[1:] == values[:-1]).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], repeat, [False]]).astype(np.int8)))
     first, last = edges[0::2], edges[1::2]
     long = (last - first >= FROZEN_SAMPLES) & ((stamp[last - 1] - stamp[first - 1]) * 1e-9 > FROZEN_S)
+    first, last = first[long], last[long]
+    first = first - (values[first - 1] == 0.0).all(axis=1)
     change = np.zeros(len(stamp) + 1, dtype=np.int64)
-    change[first[long]] += 1
-    change[last[long]] -= 1
+    change[first] += 1
+    change[last] -= 1
     return np.cumsum(change[:-1]) > 0
 
 
@@ -111,18 +118,32 @@ def _saturated(column: FloatArray, name: str) -> tuple[str, ...]:
         return ()
     below = size[~at_extreme]
     next_below = int(np.count_nonzero(below == below.max())) if len(below) else 0
-    return (
-        (f"{count} samples of {name} sit at its extreme, {extreme:.6g}: saturated?",) if count > 5 * next_below else ()
-    )
-
-
-def _spikes(column: FloatArray, name: str) -> tuple[str, ...]:
-    """Samples far off the mean of their neighbours, against the spread of that difference."""
-    if len(column) < 100:
+    if count <= 5 * next_below:
         return ()
+    return (f"{count} samples of {name} sit at its extreme, {extreme:.6g}: saturated?",)
+
+
+def _evenly_spaced(stamp: IntArray) -> BoolArray:
+    """(n - 2,) True where a sample has both neighbours at the usual distance."""
+    step = np.diff(stamp)
+    usual = step < 1.5 * np.median(step)
+    return np.asarray(usual[1:] & usual[:-1])
+
+
+def _spiky(values: FloatArray, near: BoolArray, name: str) -> tuple[str, ...]:
+    counts = [_spikes(column, near) for column in values.T]
+    if not any(counts):
+        return ()
+    places = ", ".join(f"{axis} {count}" for axis, count in zip(_AXES, counts) if count)
+    return (f"{name} stands out from its neighbours by more than {SPIKE_SIGMAS:g} sigma (outliers?), times: {places}",)
+
+
+def _spikes(column: FloatArray, near: BoolArray) -> int:
+    """How often samples lie off the mean of their neighbours, against the spread of that difference."""
+    if len(column) < 100:
+        return 0
     off = np.abs(column[1:-1] - 0.5 * (column[2:] + column[:-2]))
     spread = float(np.median(off)) / 0.6745
-    count = int(np.count_nonzero(off > SPIKE_SIGMAS * spread)) if spread > 0.0 else 0
-    return (
-        (f"{count} samples of {name} stand out by more than {SPIKE_SIGMAS:g} times the local spread",) if count else ()
-    )
+    out = (off > SPIKE_SIGMAS * spread) & near if spread > 0.0 else np.zeros(len(off), dtype=bool)
+    # a spike shows in its neighbours too: count runs, not samples
+    return int(np.count_nonzero(out[1:] & ~out[:-1])) + int(out[0])
