@@ -10,9 +10,9 @@ from stages.publish.summary import AXES, summary
 NAMES = {"truth": "truth", "phins": "PHINS"}
 
 
-def summary_text(result: Result) -> str:
+def summary_text(result: Result, log: str = "") -> str:
     """One page: what the deformation was, how sure it is, what to distrust."""
-    s = summary(result)
+    s = summary(result, log)
     parts = [_headline(s), _warnings(s), _angles(s), _scores(s), _flexure(s), _deck(s), _provenance(s)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -21,7 +21,7 @@ def accuracy_text(result: Result) -> str:
     """RMSE against its budget, coverage, and what the estimator used."""
     s = summary(result)
     used = [f"- {line}" for line in (*s["details"]["used"], *s["details"]["notes"])]
-    parts = [_budget(s), _coverage(s), "## What was used\n\n" + "\n".join(used) if used else ""]
+    parts = [_budget(s), _coverage(s), "### What was used\n\n" + "\n".join(used) if used else ""]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -45,7 +45,7 @@ def _triple(values: list[float | None] | None) -> list[str]:
 
 def _headline(s: dict[str, Any]) -> str:
     log = s["log"] or "trial"
-    lines = [f"# {log}", f"{s['estimator']} on {duration(s['duration_s'])}, {s['samples']} samples."]
+    lines = [f"## {log}", f"{s['estimator']} on {duration(s['duration_s'])}, {s['samples']} samples."]
     for score in s["details"]["scores"]:
         worst = max(score["rmse_arcmin"])
         lines.append(f"**RMSE against {NAMES[score['reference']]}: at most {number(worst)}′ on any axis.**")
@@ -62,7 +62,7 @@ def duration(seconds: float) -> str:
 def _warnings(s: dict[str, Any]) -> str:
     if not s["warnings"]:
         return "No warnings."
-    return "## What to distrust\n\n" + "\n".join(f"- {line}" for line in s["warnings"])
+    return "### What to distrust\n\n" + "\n".join(f"- {line}" for line in s["warnings"])
 
 
 def _angles(s: dict[str, Any]) -> str:
@@ -77,19 +77,19 @@ def _angles(s: dict[str, Any]) -> str:
     sentence = (
         f"Time delay of the sub-IMU: {number(delay[0], 4)} ms ± {number(delay[1], 2)} ms ({d['time_delay_status']})."
     )
-    return "## Deformation\n\n" + table(["", "x", "y", "z"], rows) + "\n\n" + sentence
+    return "### Deformation\n\n" + table(["", "x", "y", "z"], rows) + "\n\n" + sentence
 
 
 def _scores(s: dict[str, Any]) -> str:
     if not s["details"]["scores"]:
-        return "## Score\n\nNo reference in the log."
+        return "### Score\n\nNo reference in the log."
     rows = []
     for score in s["details"]["scores"]:
         name = NAMES[score["reference"]]
         rows.append([f"RMSE against {name} [′]", *_triple(score["rmse_arcmin"])])
         if any(score["reference_noise_arcmin"]):
             rows.append([f"of it {name}'s own [′]", *_triple(score["reference_noise_arcmin"])])
-    return "## Score\n\n" + table(["", "x", "y", "z"], rows)
+    return "### Score\n\n" + table(["", "x", "y", "z"], rows)
 
 
 def _flexure(s: dict[str, Any]) -> str:
@@ -99,7 +99,7 @@ def _flexure(s: dict[str, Any]) -> str:
         ["frequency λ [rad/s]", *_triple(f["frequency"])],
         ["standard deviation [′]", *_triple(f["std_arcmin"])],
     ]
-    return f"## Flexure model ({s['identifier']})\n\n" + table(["", "x", "y", "z"], rows)
+    return f"### Flexure model ({s['identifier']})\n\n" + table(["", "x", "y", "z"], rows)
 
 
 def _deck(s: dict[str, Any]) -> str:
@@ -115,13 +115,13 @@ def _deck(s: dict[str, Any]) -> str:
         ]
         for name in AXES
     ]
-    head = f"## Deck shape\n\n{deck['passes']} runs over {number(deck['length_m'])} m ({deck['method']}).\n\n"
+    head = f"### Deck shape\n\n{deck['passes']} runs over {number(deck['length_m'])} m ({deck['method']}).\n\n"
     return head + table(["curvature", "largest [1e-5 rad/m]", "at [m]", "beyond its limit at [m]"], rows)
 
 
 def _provenance(s: dict[str, Any]) -> str:
     rows = [[key, value] for key, value in s["details"]["provenance"].items()]
-    return "## Provenance\n\n" + table(["", ""], rows) if rows else ""
+    return "### Provenance\n\n" + table(["", ""], rows) if rows else ""
 
 
 def _budget(s: dict[str, Any]) -> str:
@@ -133,7 +133,7 @@ def _budget(s: dict[str, Any]) -> str:
             ["predicted by the estimator [′]", *_triple(score["predicted_std_arcmin"])],
             ["reference's own noise [′]", *_triple(score["reference_noise_arcmin"])],
         ]
-    return "## RMSE against its budget\n\n" + table(["", "x", "y", "z"], rows) if rows else "No reference in the log."
+    return "### RMSE against its budget\n\n" + table(["", "x", "y", "z"], rows) if rows else "No reference in the log."
 
 
 def _coverage(s: dict[str, Any]) -> str:
@@ -144,7 +144,7 @@ def _coverage(s: dict[str, Any]) -> str:
     if not rows:
         return ""
     rows.append(["expected", "68.3 %", "95.4 %", "99.7 %"])
-    return "## Share of errors within\n\n" + table(["", "1σ", "2σ", "3σ"], rows)
+    return "### Share of errors within\n\n" + table(["", "1σ", "2σ", "3σ"], rows)
 
 
 def percent(share: float | None) -> str:

@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 
 from schemas.products import Result
 from schemas.trial import Trial, Truth
-from stages.publish.recording import accuracy, deck, overview, sensors, spectra
+from stages.publish.recording import accuracy, deck, layout, overview, sensors, spectra
 from stages.publish.recording.scene import SENSOR_RATE, Scene
 from stages.publish.recording.stream import TRIAL, open_recording
 
@@ -48,8 +48,10 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     if scene.result.deck_shape is not None:
         tabs.append(deck.tab(scene))
     tabs += [sensors.tab(scene), spectra.tab(scene)]
+    root = layout.LinkedTabs(*tabs, axis=layout.time_axis(scene))
+    layout.fix_ids(root)
     return rrb.Blueprint(
-        rrb.Tabs(*tabs, active_tab=0),
+        root,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=TRIAL, play_state="paused"),

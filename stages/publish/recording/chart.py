@@ -17,7 +17,7 @@ from schemas.rig import FloatArray
 from stages.publish.recording.scene import Colour
 
 WIDTH, HEIGHT = 160.0, 80.0
-MARGIN = (17.0, 8.0, 4.0, 13.0)  # left, top, right, bottom
+MARGIN = (14.0, 7.0, 3.0, 12.0)  # left, top, right, bottom
 FRAME: Colour = (120, 120, 125)
 GRID: Colour = (58, 58, 62)
 ZONE: Colour = (150, 40, 40)
@@ -109,7 +109,7 @@ def _log_zones(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     """A thick red bar along the foot of the chart, and its edges carried up through it."""
     top, base = MARGIN[1], HEIGHT - MARGIN[3]
     ends = _sheet(chart, np.array(chart.zones, dtype=float), np.full((len(chart.zones), 2), chart.y.low))[..., 0]
-    bars = [[[a, base - 1.0], [max(b, a + 0.5), base - 1.0]] for a, b in ends]
+    bars = [[[a + 1.0, base - 1.0], [max(b - 1.0, a + 1.1), base - 1.0]] for a, b in ends]
     edges = [[[x, top], [x, base]] for x in ends.ravel()]
     strips = rr.LineStrips2D(
         [*bars, *edges],
@@ -159,9 +159,9 @@ def _log_frame(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     thin = rr.Radius.ui_points(0.5)
     rec.log(f"{entity}/grid", rr.LineStrips2D(grid, colors=[GRID] * len(grid), radii=thin, draw_order=0.0), static=True)
     rec.log(f"{entity}/frame", rr.LineStrips2D(frame, colors=[FRAME], radii=thin, draw_order=5.0), static=True)
-    _text(rec, f"{entity}/ticks_x", [(x, base + 3.0) for x in xs], [chart.x.text(t) for t in chart.x.ticks()])
-    _text(rec, f"{entity}/ticks_y", [(low - 7.0, y) for y in ys], [chart.y.text(t) for t in chart.y.ticks()])
-    labels = [(0.5 * (low + high), HEIGHT - 3.5), (low + 0.25 * len(chart.y.label), 4.0)]
+    _text(rec, f"{entity}/ticks_x", [(x, base - 0.5) for x in xs], [chart.x.text(t) for t in chart.x.ticks()])
+    _text(rec, f"{entity}/ticks_y", [(low - 6.0, y - 2.5) for y in ys], [chart.y.text(t) for t in chart.y.ticks()])
+    labels = [(0.5 * (low + high), HEIGHT - 9.0), (low + 0.5 * len(chart.y.label), 0.5)]
     _text(rec, f"{entity}/labels", labels, [chart.x.label, chart.y.label])
 
 

@@ -2,17 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from uuid import UUID, uuid5
 
 import rerun as rr
 import rerun.blueprint as rrb
 
 from stages.publish.recording.scene import Scene
 
+SHARED_TIME = UUID("5c0dca6a-e63f-9cf7-f657-2602590474cc")  # the view whose time axis linked views follow
+IDS = UUID("0c1d7d3c-5c0b-5d0e-9a3e-6d65636b666c")  # namespace of the ids given to views
+
+
+class LinkedTabs(rrb.Tabs):  # type: ignore[misc]
+    """Tabs whose linked time views open on a given range: Rerun keeps that range under an id of its own."""
+
+    def __init__(self, *tabs: rrb.Container, axis: rrb.TimeAxis) -> None:
+        super().__init__(*tabs, active_tab=0)
+        self.axis = axis
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        super()._log_to_stream(stream)
+        stream.log(f"view/{SHARED_TIME}/TimeAxis", self.axis)
+
+
+def fix_ids(part: rrb.Container | rrb.View, path: str = "root") -> None:
+    """Give every view and container an id that follows from its place, so that equal results give equal layouts."""
+    part.id = uuid5(IDS, path)
+    for index, child in enumerate(getattr(part, "contents", ()) if isinstance(part, rrb.Container) else ()):
+        fix_ids(child, f"{path}/{index}")
+
 
 def time_axis(scene: Scene) -> rrb.TimeAxis:
-    """The whole trial; all time views share it."""
+    """The whole trial and a little more; all time views share it."""
     start, end = scene.span
+    margin = 0.01 * (end - start)
+    start, end = start - margin, end + margin
     view = rr.TimeRange(
         start=rr.TimeRangeBoundary.absolute(seconds=start), end=rr.TimeRangeBoundary.absolute(seconds=end)
     )
@@ -23,7 +48,6 @@ def time_view(
     scene: Scene,
     name: str,
     entities: Sequence[str],
-    overrides: Mapping[str, object] | None = None,
     y_range: tuple[float, float] | None = None,
 ) -> rrb.TimeSeriesView:
     """Lines over time; the name says quantity and unit."""
@@ -31,21 +55,10 @@ def time_view(
         origin="/",
         contents=list(entities),
         name=name,
-        overrides=overrides,  # type: ignore[arg-type]
         axis_x=time_axis(scene),
         axis_y=rrb.ScalarAxis(range=y_range) if y_range else None,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
     )
-
-
-def only_line(axis: int, count: int = 3) -> rr.SeriesLines:
-    """Override that shows one line of an entity with several."""
-    return rr.SeriesLines(visible_series=[i == axis for i in range(count)])
-
-
-def only_band(axis: int, count: int = 3) -> rr.Measurements:
-    """Override that shows one band of an entity with several."""
-    return rr.Measurements.from_fields(visible_series=[i == axis for i in range(count)])
 
 
 def lanes(scene: Scene, name: str, origin: str) -> rrb.StateTimelineView:

@@ -10,20 +10,21 @@ from scipy.spatial.transform import Rotation
 from physics.units import ARCMIN, DEG
 from schemas.products import Score
 from schemas.rig import FloatArray
+from schemas.trial import GnssSeries
 from stages.publish.document import summary_text
 from stages.publish.recording import layout, ship
 from stages.publish.recording.scene import (
     AXES,
     BLUE,
     GREY,
-    PURPLE,
     REFERENCE_COLOURS,
     REFERENCE_NAMES,
+    RMSE_COLOURS,
     SLOW_RATE,
     Scene,
     stride,
 )
-from stages.publish.recording.stream import send_band, send_lines, thin_extremes
+from stages.publish.recording.stream import send_axes, send_bands, thin_extremes
 
 ESTIMATE = "deformation/estimate"
 
@@ -36,7 +37,11 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
         _log_error(rec, scene, score)
     ship.log(rec, scene)
     _log_track(rec, scene)
-    rec.log("summary", rr.TextDocument(summary_text(scene.result), media_type=rr.MediaType.MARKDOWN), static=True)
+    rec.log(
+        "summary",
+        rr.TextDocument(summary_text(scene.result, scene.trial.source), media_type=rr.MediaType.MARKDOWN),
+        static=True,
+    )
 
 
 def tab(scene: Scene) -> rrb.Container:
@@ -44,9 +49,9 @@ def tab(scene: Scene) -> rrb.Container:
     rows = [rrb.Horizontal(estimate_view(scene, axis), error_view(scene, axis)) for axis in range(3)]
     side: list[object] = [ship.view(scene)]
     if scene.trial.gnss is not None:
-        side.append(rrb.MapView(origin="track", name="GNSS track"))
+        side.append(rrb.MapView(origin="track", name="GNSS track", zoom=track_zoom(scene.trial.gnss)))
     side.append(rrb.TextDocumentView(origin="summary", name="Summary"))
-    shares = [3.0, 2.0, 3.0] if len(side) == 3 else [1.0, 1.0]
+    shares = [3.0, 1.7, 3.5] if len(side) == 3 else [1.0, 1.0]
     return rrb.Horizontal(
         rrb.Vertical(*rows),
         rrb.Vertical(*side, row_shares=shares),  # type: ignore[arg-type]
@@ -57,17 +62,19 @@ def tab(scene: Scene) -> rrb.Container:
 
 def estimate_view(scene: Scene, axis: int) -> rrb.TimeSeriesView:
     """Estimate with +-3 sigma, and each reference."""
-    references = [f"deformation/{score.reference}" for score in scene.scores]
-    overrides = {ESTIMATE: layout.only_band(axis)} | {name: layout.only_line(axis) for name in references}
-    return layout.time_view(scene, f"Deformation {AXES[axis]} ±3σ [arcmin]", [ESTIMATE, *references], overrides)
+    entities = [ESTIMATE, *(f"deformation/{score.reference}" for score in scene.scores)]
+    return layout.time_view(scene, f"Deformation {AXES[axis]} ±3σ [arcmin]", of_axis(entities, axis))
 
 
 def error_view(scene: Scene, axis: int) -> rrb.TimeSeriesView:
     """Error against each reference, the estimate's own +-3 sigma, and the RMSE so far."""
-    lines = [f"error/{score.reference}" for score in scene.scores]
-    lines += [f"running_rmse/{score.reference}" for score in scene.scores]
-    overrides = {"error/bound": layout.only_band(axis)} | {name: layout.only_line(axis) for name in lines}
-    return layout.time_view(scene, f"Error {AXES[axis]}, RMSE so far [arcmin]", ["error/bound", *lines], overrides)
+    entities = ["error/bound", *(f"{kind}/{s.reference}" for kind in ("error", "running_rmse") for s in scene.scores)]
+    return layout.time_view(scene, f"Error {AXES[axis]}, RMSE so far [arcmin]", of_axis(entities, axis))
+
+
+def of_axis(entities: list[str], axis: int) -> list[str]:
+    """The entities of one axis."""
+    return [f"{entity}/{'xyz'[axis]}" for entity in entities]
 
 
 def _log_estimate(rec: rr.RecordingStream, scene: Scene) -> None:
@@ -75,14 +82,12 @@ def _log_estimate(rec: rr.RecordingStream, scene: Scene) -> None:
     d, every = scene.deformation, 1
     if scene.estimate_rate is not None:
         every = stride(d.stamp, scene.estimate_rate)
-    names = [f"estimate {axis}" for axis in AXES]
     values, sigma = d.total[::every] / ARCMIN, 3 * scene.sigma[::every] / ARCMIN
-    send_band(rec, ESTIMATE, d.stamp[::every], scene.trial.epoch, values, sigma, names, [BLUE] * 3, "arcmin")
+    send_bands(rec, ESTIMATE, d.stamp[::every], scene.trial.epoch, values, sigma, "estimate", BLUE, "arcmin")
     slow = stride(d.stamp, SLOW_RATE)
     bound = 3 * scene.sigma[::slow] / ARCMIN
-    bands = [f"±3σ {axis}" for axis in AXES]
-    stamp = d.stamp[::slow]
-    send_band(rec, "error/bound", stamp, scene.trial.epoch, np.zeros_like(bound), bound, bands, [GREY] * 3, "arcmin")
+    zero = np.zeros_like(bound)
+    send_bands(rec, "error/bound", d.stamp[::slow], scene.trial.epoch, zero, bound, "±3σ", GREY, "arcmin")
 
 
 def _log_reference(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
@@ -91,27 +96,31 @@ def _log_reference(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
     stamp, error = score.stamp[::every], score.error[::every]
     estimate = scene.deformation.total[np.searchsorted(scene.deformation.stamp, stamp)]
     total = (Rotation.from_rotvec(error).inv() * Rotation.from_rotvec(estimate)).as_rotvec()
-    names = [f"{REFERENCE_NAMES[score.reference]} {axis}" for axis in AXES]
-    colours = [REFERENCE_COLOURS[score.reference]] * 3
-    send_lines(rec, f"deformation/{score.reference}", stamp, scene.trial.epoch, total / ARCMIN, names, colours, 1.0)
+    who, colour = REFERENCE_NAMES[score.reference], REFERENCE_COLOURS[score.reference]
+    send_axes(rec, f"deformation/{score.reference}", stamp, scene.trial.epoch, total / ARCMIN, who, colour)
 
 
 def _log_error(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
     colour, who = REFERENCE_COLOURS[score.reference], REFERENCE_NAMES[score.reference]
     stamp, error = thin_extremes(score.stamp, score.error / ARCMIN, stride(score.stamp, scene.rate))
-    names = [f"estimate − {who} {axis}" for axis in AXES]
-    send_lines(rec, f"error/{score.reference}", stamp, scene.trial.epoch, error, names, [colour] * 3, 1.0)
+    send_axes(rec, f"error/{score.reference}", stamp, scene.trial.epoch, error, f"estimate − {who}", colour)
     slow = stride(score.stamp, SLOW_RATE)
-    running = running_rmse(score.error)[::slow] / ARCMIN
-    entity, names = f"running_rmse/{score.reference}", [f"RMSE so far, {who} {axis}" for axis in AXES]
-    tint = PURPLE if score.reference == "truth" else (215, 190, 90)
-    send_lines(rec, entity, score.stamp[::slow], scene.trial.epoch, running, names, [tint] * 3, 2.0)
+    stamp, running = score.stamp[::slow], running_rmse(score.error)[::slow] / ARCMIN
+    entity, tint = f"running_rmse/{score.reference}", RMSE_COLOURS[score.reference]
+    send_axes(rec, entity, stamp, scene.trial.epoch, running, f"RMSE so far, {who}", tint, 2.5)
 
 
 def running_rmse(error: FloatArray) -> FloatArray:
     """RMS (n, 3) of all errors up to and including each, per axis."""
     count = np.arange(1, len(error) + 1)[:, None]
     return np.sqrt(np.cumsum(error**2, axis=0) / count)
+
+
+def track_zoom(fixes: GnssSeries) -> float:
+    """Map zoom at which the whole track fits: a view shows about 1.5 tiles of 360 deg / 2^zoom."""
+    width = float(np.ptp(fixes.longitude)) / DEG if len(fixes.stamp) else 0.0
+    height = float(np.ptp(fixes.latitude) / np.cos(np.mean(fixes.latitude))) / DEG if len(fixes.stamp) else 0.0
+    return float(np.clip(np.log2(360.0 / max(width, 1.6 * height, 1e-4)), 1.0, 18.0))
 
 
 def _log_track(rec: rr.RecordingStream, scene: Scene) -> None:

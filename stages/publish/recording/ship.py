@@ -163,7 +163,7 @@ def view(scene: Scene) -> rrb.Spatial3DView:
         middle = 0.5 * (np.minimum(0, shape.line.min(0)) + np.maximum(lever, shape.line.max(0)))
     eye = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=middle + reach * np.array([1.0, -0.55, 0.75]),
+        position=middle + reach * np.array([0.85, -0.55, 0.65]),
         look_target=middle,
         eye_up=[0.0, 0.0, 1.0],
     )
