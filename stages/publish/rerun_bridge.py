@@ -16,7 +16,7 @@ from stages.publish.recording.stream import TRIAL, open_recording
 def write_recording(result: Result, trial: Trial, truth: Truth | None, path: Path, rate: float | None = None) -> None:
     """Write the recording of a run; it appears at path whole or not at all.
 
-    rate: Hz to which everything is thinned; None leaves the estimates at full rate and the rest at 25 Hz, minimum
+    rate: Hz to which everything is thinned; None leaves the estimates at full rate and the rest at 20 Hz, minimum
     and maximum kept. Times are both since the trial's epoch and UTC.
     """
     scene = Scene(result, trial, truth, SENSOR_RATE if rate is None else rate, rate)

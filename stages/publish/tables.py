@@ -45,7 +45,7 @@ def result_tables(result: Result, trial: Trial, frame: str = MAIN_FRAME) -> list
 def table(topic: str, schema: str, stamp: IntArray, frame: str, columns: Columns) -> Table:
     """A table whose log and publish times are the measurement times, with its header filled in."""
     stamp = np.ascontiguousarray(stamp, dtype=np.int64)
-    header = {"header.stamp": stamp, "header.frame_id": np.full(len(stamp), frame)}
+    header = {"header.stamp": stamp, "header.frame_id": np.full(len(stamp), frame, dtype=object)}
     arrays = {name: np.ascontiguousarray(column) for name, column in columns.items()}
     return Table(topic, schema, {**header, **arrays}, stamp, stamp, np.arange(len(stamp), dtype=np.uint32))
 
@@ -95,7 +95,7 @@ def _static_covariance(alignment: Alignment, std: FloatArray) -> FloatArray:
 def flexure_table(flexure: FlexureModel, stamp: IntArray, frame: str) -> Table:
     """The identified parameters, one row."""
     columns = {
-        "method": np.array([flexure.method]),
+        "method": np.array([flexure.method], dtype=object),
         **vector("damping", flexure.damping[None]),
         **vector("frequency", flexure.frequency[None]),
         **vector("std", flexure.std[None]),
@@ -117,7 +117,7 @@ def deck_shape_table(shape: DeckShape) -> Table:
         "horizontal_curvature": curvature[:, 2],
         "torsion": curvature[:, 1],
         "std": np.concatenate([run.std for run in runs])[order][:, MESSAGE_ORDER],
-        "exceeds_limit": np.concatenate([run.exceeds for run in runs])[order].any(axis=1),
+        "exceeds_limit": np.asarray(np.concatenate([run.exceeds for run in runs])[order].any(axis=1)),
     }
     return table("/deckflex/deck_shape", "deckflex_msgs/msg/DeckShape", stamp[order], DECK_FRAME, columns)
 
@@ -126,8 +126,8 @@ def score_table(scores: tuple[Score, ...], stamp: IntArray, frame: str) -> Table
     """One row per reference, stamped at the start of what was scored against it."""
     first = np.array([score.stamp[0] if len(score.stamp) else stamp[0] for score in scores])
     columns = {
-        "estimator": np.array([score.estimator for score in scores]),
-        "reference": np.array([score.reference for score in scores]),
+        "estimator": np.array([score.estimator for score in scores], dtype=object),
+        "reference": np.array([score.reference for score in scores], dtype=object),
         **vector("rmse", np.stack([score.rmse for score in scores])),
         "duration": np.array([score.duration for score in scores]),
     }

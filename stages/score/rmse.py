@@ -70,6 +70,7 @@ def _against(deformation: Deformation, reference: Reference) -> Score | None:
         return None
     stamp = deformation.stamp[reference.valid][good]
     error = angular_error(total[good], reference.rotation[good])
+    rmse = np.sqrt(np.mean(error**2, axis=0))
     variance = np.diagonal(deformation.covariance[reference.valid][good], axis1=1, axis2=2)
     noise = (
         np.zeros(3)
@@ -79,13 +80,13 @@ def _against(deformation: Deformation, reference: Reference) -> Score | None:
     return Score(
         estimator=deformation.estimator,
         reference=reference.name,
-        rmse=np.sqrt(np.mean(error**2, axis=0)),
+        rmse=rmse,
         duration=_scored_time(stamp),
         samples=len(stamp),
         stamp=stamp,
         error=error,
         predicted=_rms_sigma(variance),
-        reference_noise=noise,
+        reference_noise=np.minimum(noise, rmse),
         coverage=coverage(error, np.sqrt(np.where(variance >= 0, variance, np.nan) + noise**2)),
     )
 

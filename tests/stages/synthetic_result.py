@@ -160,8 +160,9 @@ def case(
     truth = Truth(stamp, R_m_s.as_rotvec(), np.tile(PHI, (len(t), 1)), theta, stamp, R_n_s.as_quat())
     shape = deck_shape(rng) if with_deck else None
     slid = sled(shape) if shape is not None else (None, None)
+    main = imu(stamp, R_n_m, rng)
     trial = Trial(
-        main=imu(stamp[kept], R_n_m[kept], rng),
+        main=ImuSeries(stamp[kept], main.gyro[kept], main.accel[kept]),
         sub=imu(stamp, R_n_s, rng),
         epoch=EPOCH,
         phins_main=phins(stamp, R_n_m, INSTALLATION_MAIN, noise[0], rng) if with_phins else None,

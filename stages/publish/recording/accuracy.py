@@ -31,6 +31,7 @@ from stages.publish.recording.stream import gap_starts, send_lines, send_states
 WINDOW = 60.0  # s, of the RMS over time
 DATA, GAP, STILL, MOVING = "data", "gap", "lying still", "under way"
 LANE_COLOURS: dict[str, Colour] = {DATA: GREEN, GAP: (214, 60, 60), STILL: BLUE, MOVING: GREY}
+DIM_COLOURS: tuple[Colour, ...] = ((140, 70, 68), (70, 120, 70), (66, 92, 145))
 PALETTE: tuple[Colour, ...] = (*AXIS_COLOURS, ORANGE, (170, 110, 210), (90, 190, 190))
 
 
@@ -39,14 +40,14 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
     innovations = scene.deformation.innovations
     if innovations is not None and len(innovations.t):
         _log_innovations(rec, scene, innovations)
-    for score in scene.scores:
+    for score in scene.scores[:1]:
         stamp, rms = windowed_rms(score.stamp, score.error, WINDOW)
         names = [f"{REFERENCE_NAMES[score.reference]} {axis}" for axis in AXES]
         send_lines(rec, f"rms/{score.reference}", stamp, scene.trial.epoch, rms / ARCMIN, names, AXIS_COLOURS)
     slow = stride(scene.deformation.stamp, SLOW_RATE)
     names = [f"predicted 1σ {axis}" for axis in AXES]
     stamp, sigma = scene.deformation.stamp[::slow], scene.sigma[::slow] / ARCMIN
-    send_lines(rec, "rms/predicted", stamp, scene.trial.epoch, sigma, names, AXIS_COLOURS, 0.8)
+    send_lines(rec, "rms/predicted", stamp, scene.trial.epoch, sigma, names, DIM_COLOURS, 1.0)
     _log_lanes(rec, scene)
     rec.log("accuracy", rr.TextDocument(accuracy_text(scene.result), media_type=rr.MediaType.MARKDOWN), static=True)
 
@@ -57,7 +58,7 @@ def tab(scene: Scene) -> rrb.Container:
     if scene.deformation.innovations is not None:
         name = "Innovations, standardised (±3 expected) [1]"
         left.append(layout.time_view(scene, name, ["innovations"], y_range=(-6.0, 6.0)))
-    entities = ["rms/predicted", *(f"rms/{score.reference}" for score in scene.scores)]
+    entities = ["rms/predicted", *(f"rms/{score.reference}" for score in scene.scores[:1])]
     right = [
         layout.time_view(scene, f"RMS error over {WINDOW:.0f} s and predicted 1σ [arcmin]", entities),
         layout.lanes(scene, "Phases and gaps", "lanes"),

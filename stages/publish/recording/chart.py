@@ -1,7 +1,7 @@
 """A chart of something against something other than time, drawn in a 2D view.
 
 Time views know no other axis than time, so frame, grid, ticks and curves are drawn here in sheet units: WIDTH by
-HEIGHT, y downwards.
+HEIGHT (unless a chart wants another), y downwards.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from schemas.rig import FloatArray
 from stages.publish.recording.scene import Colour
 
 WIDTH, HEIGHT = 160.0, 80.0
-MARGIN = (14.0, 7.0, 3.0, 12.0)  # left, top, right, bottom
+MARGIN = (14.0, 7.0, 26.0, 12.0)  # left, top, right, bottom
 FRAME: Colour = (120, 120, 125)
 GRID: Colour = (58, 58, 62)
 ZONE: Colour = (150, 40, 40)
@@ -71,17 +71,18 @@ class Curve:
 
 @dataclass(frozen=True)
 class Chart:
-    """Everything on one sheet. zones: (x0, x1) stretches of x to mark in red."""
+    """Everything on one sheet. zones: (x0, x1) stretches of x to mark in red. height of the sheet."""
 
     x: Axis
     y: Axis
     curves: Sequence[Curve]
     zones: Sequence[tuple[float, float]] = field(default_factory=tuple)
+    height: float = HEIGHT
 
 
-def chart_view(entity: str, name: str) -> rrb.Spatial2DView:
+def chart_view(entity: str, name: str, height: float = HEIGHT) -> rrb.Spatial2DView:
     """The view of a chart, whole sheet in sight."""
-    bounds = rrb.VisualBounds2D(x_range=[0.0, WIDTH], y_range=[0.0, HEIGHT])
+    bounds = rrb.VisualBounds2D(x_range=[0.0, WIDTH], y_range=[0.0, height])
     return rrb.Spatial2DView(
         origin=entity, name=name, visual_bounds=bounds, background=rrb.Background(color=[22, 22, 26])
     )
@@ -107,7 +108,7 @@ def log_chart(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
 
 def _log_zones(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     """A thick red bar along the foot of the chart, and its edges carried up through it."""
-    top, base = MARGIN[1], HEIGHT - MARGIN[3]
+    top, base = MARGIN[1], chart.height - MARGIN[3]
     ends = _sheet(chart, np.array(chart.zones, dtype=float), np.full((len(chart.zones), 2), chart.y.low))[..., 0]
     bars = [[[a + 1.0, base - 1.0], [max(b - 1.0, a + 1.1), base - 1.0]] for a, b in ends]
     edges = [[[x, top], [x, base]] for x in ends.ravel()]
@@ -124,7 +125,7 @@ def _sheet(chart: Chart, x: FloatArray, y: FloatArray) -> FloatArray:
     """Sheet positions (n, 2) of data points."""
     left, top, right, bottom = MARGIN
     u = left + chart.x.place(np.asarray(x, float)) * (WIDTH - left - right)
-    v = HEIGHT - bottom - chart.y.place(np.asarray(y, float)) * (HEIGHT - top - bottom)
+    v = chart.height - bottom - chart.y.place(np.asarray(y, float)) * (chart.height - top - bottom)
     return np.stack([u, v], axis=-1)
 
 
@@ -133,7 +134,7 @@ def _pieces(chart: Chart, curve: Curve) -> list[FloatArray]:
     points = _sheet(chart, curve.x, curve.y)
     inside = np.isfinite(points).all(axis=1)
     inside &= (points[:, 0] >= MARGIN[0] - 1e-6) & (points[:, 0] <= WIDTH - MARGIN[2] + 1e-6)
-    inside &= (points[:, 1] >= MARGIN[1] - 1e-6) & (points[:, 1] <= HEIGHT - MARGIN[3] + 1e-6)
+    inside &= (points[:, 1] >= MARGIN[1] - 1e-6) & (points[:, 1] <= chart.height - MARGIN[3] + 1e-6)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
     return [points[a:b] for a, b in edges.reshape(-1, 2)]
 
@@ -151,7 +152,7 @@ def _dashes(pieces: Sequence[FloatArray], dash: float = 1.5) -> list[FloatArray]
 
 def _log_frame(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     left, top, right, bottom = MARGIN
-    low, high, base = left, WIDTH - right, HEIGHT - bottom
+    low, high, base = left, WIDTH - right, chart.height - bottom
     xs = [_sheet(chart, np.array([t]), np.array([chart.y.low]))[0, 0] for t in chart.x.ticks()]
     ys = [_sheet(chart, np.array([chart.x.low]), np.array([t]))[0, 1] for t in chart.y.ticks()]
     grid = [[[x, top], [x, base]] for x in xs] + [[[low, y], [high, y]] for y in ys]
@@ -161,15 +162,15 @@ def _log_frame(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     rec.log(f"{entity}/frame", rr.LineStrips2D(frame, colors=[FRAME], radii=thin, draw_order=5.0), static=True)
     _text(rec, f"{entity}/ticks_x", [(x, base - 0.5) for x in xs], [chart.x.text(t) for t in chart.x.ticks()])
     _text(rec, f"{entity}/ticks_y", [(low - 6.0, y - 2.5) for y in ys], [chart.y.text(t) for t in chart.y.ticks()])
-    labels = [(0.5 * (low + high), HEIGHT - 9.0), (low + 0.5 * len(chart.y.label), 0.5)]
+    labels = [(0.5 * (low + high), chart.height - 9.0), (low + 0.5 * len(chart.y.label), 0.5)]
     _text(rec, f"{entity}/labels", labels, [chart.x.label, chart.y.label])
 
 
 def _log_legend(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     named = [curve for curve in chart.curves if curve.name]
-    rows = MARGIN[1] + 4.0 + 5.0 * np.arange(len(named))
+    rows = MARGIN[1] + 5.5 * np.arange(len(named))
     for index, (curve, y) in enumerate(zip(named, rows)):
-        _text(rec, f"{entity}/legend_{index}", [(WIDTH - 24.0, float(y))], [curve.name], curve.colour)
+        _text(rec, f"{entity}/legend_{index}", [(WIDTH - 0.5 * MARGIN[2], float(y))], [curve.name], curve.colour)
 
 
 def _text(

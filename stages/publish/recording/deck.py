@@ -87,5 +87,5 @@ def line_chart(shape: DeckShape) -> Chart:
     height = 1e3 * (shape.line - straight_path(shape))[:, 2]
     low, high = span_of([height])
     curves = [Curve(s, np.zeros_like(s), GREY, "straight", 1.0, True), Curve(s, height, BLUE, "measured", 2.5)]
-    zones = [(a, b) for a, b in intervals(s, shape.exceeds.any(axis=1))]
+    zones = [(a, b) for a, b in intervals(s, np.asarray(shape.exceeds.any(axis=1)))]
     return Chart(Axis(float(s[0]), float(s[-1]), "arc length [m]"), Axis(low, high, "height [mm]"), curves, zones)

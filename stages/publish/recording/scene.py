@@ -22,7 +22,7 @@ AXIS_COLOURS: tuple[Colour, Colour, Colour] = ((225, 85, 80), (95, 185, 95), (85
 REFERENCE_COLOURS: dict[str, Colour] = {"truth": GREEN, "phins": ORANGE}
 RMSE_COLOURS: dict[str, Colour] = {"truth": PURPLE, "phins": (225, 200, 100)}
 REFERENCE_NAMES = {"truth": "truth", "phins": "PHINS"}
-SENSOR_RATE = 25.0  # Hz, default of everything but the estimates; minimum and maximum are kept
+SENSOR_RATE = 20.0  # Hz, default of everything but the estimates; minimum and maximum are kept
 SLOW_RATE = 1.0  # Hz, of bounds, running figures and what moves in 3D
 
 

@@ -114,7 +114,7 @@ def _log_path(rec: rr.RecordingStream, shape: DeckShape) -> None:
     segments = np.stack([base[:-1], base[1:]], axis=1)
     rec.log(
         "ship/path/curvature",
-        rr.LineStrips3D(segments, colors=colours[1:], radii=rr.Radius.ui_points(4.0)),
+        rr.LineStrips3D(list(segments), colors=colours[1:], radii=rr.Radius.ui_points(4.0)),
         static=True,
     )
     line = rr.LineStrips3D([bent], colors=[RED], radii=rr.Radius.ui_points(1.5))

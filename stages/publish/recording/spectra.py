@@ -18,6 +18,7 @@ SEGMENT = 200.0  # s, length of a Welch segment, at most a quarter of the record
 MAX_LAG = 60.0  # s
 HIGHEST = 2.0  # Hz drawn
 MIN_SAMPLES = 64
+HEIGHT = 125.0  # of the charts: three beside each other are narrow
 
 
 def longest_run(deformation: Deformation) -> slice:
@@ -84,7 +85,12 @@ def _density_chart(f: FloatArray, measured: FloatArray, model: FloatArray) -> Ch
     top = 10.0 ** np.ceil(np.log10(max(measured.max(), model.max())))
     low = max(10.0 ** np.floor(np.log10(min(measured.min(), model.min()))), 1e-9 * top)
     curves = [Curve(f, measured, BLUE, "measured", 1.5), Curve(f, model, ORANGE, "model", 2.0)]
-    return Chart(Axis(float(f[0]), float(f[-1]), "frequency [Hz]", True), Axis(low, top, "arcmin²/Hz", True), curves)
+    return Chart(
+        Axis(float(f[0]), float(f[-1]), "frequency [Hz]", True),
+        Axis(low, top, "arcmin²/Hz", True),
+        curves,
+        height=HEIGHT,
+    )
 
 
 def _correlation_chart(lag: FloatArray, measured: FloatArray, model: FloatArray) -> Chart:
@@ -95,11 +101,15 @@ def _correlation_chart(lag: FloatArray, measured: FloatArray, model: FloatArray)
         Curve(lag[::step], model[::step], ORANGE, "model", 2.0),
     ]
     low = min(-0.4, float(min(measured.min(), model.min())) - 0.05)
-    return Chart(Axis(0.0, float(lag[-1]), "lag [s]"), Axis(low, 1.05, "correlation [1]"), curves)
+    return Chart(Axis(0.0, float(lag[-1]), "lag [s]"), Axis(low, 1.05, "correlation [1]"), curves, height=HEIGHT)
 
 
 def tab(scene: Scene) -> rrb.Container:
     """Spectra above, autocorrelations below."""
-    above = [chart_view(f"spectra/density_{n}", f"Flexure {a} spectrum [arcmin²/Hz]") for n, a in zip("xyz", AXES)]
-    below = [chart_view(f"spectra/correlation_{n}", f"Flexure {a} autocorrelation [1]") for n, a in zip("xyz", AXES)]
+    above = [
+        chart_view(f"spectra/density_{n}", f"Flexure {a} spectrum [arcmin²/Hz]", HEIGHT) for n, a in zip("xyz", AXES)
+    ]
+    below = [
+        chart_view(f"spectra/correlation_{n}", f"Flexure {a} autocorrelation [1]", HEIGHT) for n, a in zip("xyz", AXES)
+    ]
     return rrb.Vertical(rrb.Horizontal(*above), rrb.Horizontal(*below), name="Spectra")
