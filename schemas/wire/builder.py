@@ -57,6 +57,52 @@ class CdrDecoder:
         return list(self._decoder.decode(messages.buffer, messages.offset, messages.length))
 
 
+class GrowingColumn:
+    """A column that grows by rows, in any order. As long as all rows are alike, one of them is all that is kept."""
+
+    def __init__(self, first: NDArray[Any]) -> None:
+        self.shape, self.dtype = first.shape[1:], first.dtype.newbyteorder("=")
+        self._same: NDArray[Any] | None = np.array(first[:1], self.dtype)
+        self._values = np.empty((0, *self.shape), self.dtype)
+
+    def write(self, where: Any, values: NDArray[Any], filled: int, capacity: int) -> None:
+        """Put values at the rows where; the first filled rows may have been written, those of this batch included."""
+        if self._same is not None:
+            if _alike(values, self._same):
+                return
+            self._values = np.empty((capacity, *self.shape), self.dtype)
+            self._values[:filled] = self._same  # rows of this batch that came before included
+            self._same = None
+        self._values[where] = values
+
+    def reserve(self, filled: int, capacity: int) -> None:
+        """Make room for capacity rows."""
+        if self._same is None and capacity > len(self._values):
+            larger = np.empty((capacity, *self.shape), self.dtype)
+            larger[:filled] = self._values[:filled]
+            self._values = larger
+
+    def finished(self, count: int) -> NDArray[Any]:
+        """(count, ...) values; a read-only broadcast where all rows are alike."""
+        if self._same is not None:
+            return np.broadcast_to(self._same, (count, *self.shape))
+        return self._values[:count]
+
+
+def _alike(values: NDArray[Any], same: NDArray[Any]) -> bool:
+    """Every row has the bits (the value, of objects) of the one in same."""
+    if len(values) == 0:
+        return True
+    if values.dtype == object:
+        if values.strides[0] == 0:
+            values = values[:1]
+        return values.ndim == 1 and isinstance(same[0], str) and bool((values == same).all())
+    if values.dtype.kind == "f":
+        bits = np.dtype(f"u{values.dtype.itemsize}")
+        return bool((values.view(bits.newbyteorder(values.dtype.byteorder)) == same.view(bits)).all())
+    return bool((values == same).all())
+
+
 @dataclass
 class TableBuilder:
     """Grows one table. expected: messages announced, by which memory is set aside."""
@@ -67,7 +113,7 @@ class TableBuilder:
     expected: int = 0
     count: int = 0
     capacity: int = 0
-    columns: Columns = field(default_factory=dict)
+    columns: dict[str, GrowingColumn] = field(default_factory=dict)
     lost: dict[str, list[int]] = field(default_factory=dict)
 
     def add(self, messages: Messages) -> None:
@@ -87,7 +133,7 @@ class TableBuilder:
 
     def table(self) -> Table:
         """The finished table."""
-        columns = {name: values[: self.count] for name, values in self.columns.items()}
+        columns = {name: column.finished(self.count) for name, column in self.columns.items()}
         log_time = columns.pop("/log_time", np.zeros(0, np.int64))
         publish_time = columns.pop("/publish_time", np.zeros(0, np.int64))
         sequence = columns.pop("/sequence", np.zeros(0, np.uint32))
@@ -113,22 +159,19 @@ class TableBuilder:
     def _write(self, rows: Indices | None, count: int, columns: Columns) -> None:
         where: Any = slice(self.count, self.count + count) if rows is None else rows + self.count
         for name, values in columns.items():
-            target = self.columns.get(name)
-            if target is None:
-                dtype = values.dtype.newbyteorder("=")
-                target = self.columns[name] = np.empty((self.capacity, *values.shape[1:]), dtype)
-            if target.shape[1:] != values.shape[1:]:
+            if name not in self.columns:
+                self.columns[name] = GrowingColumn(values)
+            target = self.columns[name]
+            if target.shape != values.shape[1:]:
                 raise DataError(f"{name} changes its shape within the log", channel=self.topic)
-            target[where] = values
+            target.write(where, values, self.count + count, self.capacity)
 
     def _reserve(self, count: int) -> None:
         if count <= self.capacity:
             return
         self.capacity = max(count, self.expected, 2 * self.capacity)
-        for name, values in self.columns.items():
-            larger = np.empty((self.capacity, *values.shape[1:]), values.dtype)
-            larger[: self.count] = values[: self.count]
-            self.columns[name] = larger
+        for column in self.columns.values():
+            column.reserve(self.count, self.capacity)
 
 
 def _rows(rows: Indices | None, count: int) -> Indices:

@@ -191,16 +191,13 @@ def _read_items(items: Items, rows: Rows, base: int) -> NDArray[Any]:
 
 def _read_string(text: Rows) -> NDArray[Any]:
     """(n,) str of (n, length) bytes; equal strings share one object."""
-    out = np.empty(len(text), dtype=object)
-    if text.shape[1] == 0:
-        out[:] = ""
-    elif (text == text[0]).all():
-        out[:] = _decode(text[0].tobytes())
-    else:
-        whole = np.ascontiguousarray(text).view(f"V{text.shape[1]}")[:, 0]
-        unique, inverse = np.unique(whole, return_inverse=True)
-        out[:] = np.array([_decode(one.tobytes()) for one in unique], dtype=object)[inverse]
-    return out
+    if text.shape[1] == 0 or (text == text[0]).all():
+        same = np.empty(1, dtype=object)
+        same[0] = _decode(text[0].tobytes())
+        return np.broadcast_to(same, (len(text),))
+    whole = np.ascontiguousarray(text).view(f"V{text.shape[1]}")[:, 0]
+    unique, inverse = np.unique(whole, return_inverse=True)
+    return np.array([_decode(one.tobytes()) for one in unique], dtype=object)[inverse]
 
 
 def _decode(text: bytes) -> str:
