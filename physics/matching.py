@@ -1,0 +1,217 @@
+"""Attitude and velocity matching of two strapdown units, exact at any angle.
+
+Both units are integrated from their own start in their own inertial frame (``A_m(0) = A_s(0) = I``). With
+``R_0 ~ R_m_s(0)`` the product ``Y(t) = A_m^T R_0 A_s`` is ``Exp(A_m^T d) R_m_s(t)``: the total deformation, free of
+noise, turned by one slowly drifting inertial vector d (``d' = A_m (R eps_s - eps_m)``). Likewise the difference of the
+velocities ``V = R_0 int A_s f_s - int A_m f_m`` is the velocity of the sub-IMU relative to the main one, plus errors
+that grow with ``-f x d`` and the accelerometer biases. Nothing is differentiated, no angle is taken as small.
+
+Samples are means over the interval that ends at the stamp; rotation increments are then exact, velocity increments
+carry the sculling correction for linearly varying rate and force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One unit on a gapless time axis.
+
+    t: (n,) s. gyro: (n, 3) rad/s, accel: (n, 3) m/s^2, means over the interval ending at t. filled: (n,) bool, samples
+    that were not measured but put in to bridge a gap.
+    """
+
+    t: FloatArray
+    gyro: FloatArray
+    accel: FloatArray
+    filled: BoolArray
+
+
+@dataclass(frozen=True)
+class Strapdown:
+    """attitude: (n, 4) quaternion x, y, z, w of A(t). velocity: (n, 3) m/s, int A f dt. Both start at t[0]."""
+
+    t: FloatArray
+    attitude: FloatArray
+    velocity: FloatArray
+
+
+def interval_means(t: FloatArray, values: FloatArray) -> FloatArray:
+    """Means over the interval ending at each stamp of a signal (n, 3) sampled at the stamps, by a local cubic.
+
+    Exact for cubics on a uniform grid: ``(-x[k-2] + 13 x[k-1] + 13 x[k] - x[k+1]) / 24``.
+    """
+    del t
+    padded = np.concatenate([3 * values[:1] - 3 * values[1:2] + values[2:3], values, values[-1:]])
+    padded[-1] = 3 * values[-1] - 3 * values[-2] + values[-3]
+    previous = np.concatenate([padded[:1], padded[:-3]])
+    means = (-previous + 13 * padded[:-2] + 13 * padded[1:-1] - padded[2:]) / 24
+    means[1] = (padded[1] + padded[2]) / 2
+    means[0] = values[0]
+    return means
+
+
+def bridge(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> Unit:
+    """Put samples into gaps so that the time axis has none; values run linearly across.
+
+    t: (n,) s, strictly increasing. A gap is a step longer than 1.5 nominal (median) intervals.
+    """
+    step = float(np.median(np.diff(t)))
+    missing = np.maximum(np.rint(np.diff(t) / step).astype(int) - 1, 0)
+    if not missing.any():
+        return Unit(t, gyro, accel, np.zeros(len(t), bool))
+    where = np.flatnonzero(missing)
+    # New samples stand at nominal distance before the sample that ends the gap: its interval is nominal.
+    times = np.concatenate([t[k + 1] - step * np.arange(missing[k], 0, -1) for k in where])
+    merged = np.concatenate([t, times])
+    order = np.argsort(merged, kind="stable")
+    filled = (np.arange(len(merged)) >= len(t))[order]
+    axis = merged[order]
+    spread = lambda values: np.stack([np.interp(axis, t, values[:, i]) for i in range(values.shape[1])], axis=1)  # noqa: E731
+    return Unit(axis, spread(gyro), spread(accel), filled)
+
+
+@njit(cache=True)
+def _exp_quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    angle2 = x * x + y * y + z * z
+    if angle2 < 1e-8:  # series: the error of the dropped terms is below 1e-19
+        s = 0.5 - angle2 / 48.0
+        return s * x, s * y, s * z, 1.0 - angle2 / 8.0 + angle2 * angle2 / 384.0
+    angle = np.sqrt(angle2)
+    s = np.sin(0.5 * angle) / angle
+    return s * x, s * y, s * z, np.cos(0.5 * angle)
+
+
+@njit(cache=True)
+def _rotate(q: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
+    tx = 2.0 * (q[1] * z - q[2] * y)
+    ty = 2.0 * (q[2] * x - q[0] * z)
+    tz = 2.0 * (q[0] * y - q[1] * x)
+    return (
+        x + q[3] * tx + q[1] * tz - q[2] * ty,
+        y + q[3] * ty + q[2] * tx - q[0] * tz,
+        z + q[3] * tz + q[0] * ty - q[1] * tx,
+    )
+
+
+@njit(cache=True)
+def _integrate(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[FloatArray, FloatArray]:
+    n = len(t)
+    attitude = np.zeros((n, 4))
+    velocity = np.zeros((n, 3))
+    attitude[0, 3] = 1.0
+    q = np.array([0.0, 0.0, 0.0, 1.0])
+    half = np.empty(4)
+    phi_old = np.zeros(3)
+    dv_old = np.zeros(3)
+    for k in range(1, n):
+        dt = t[k] - t[k - 1]
+        phi = gyro[k] * dt
+        dv = accel[k] * dt
+        if k == 1:
+            phi_old[:] = phi
+            dv_old[:] = dv
+        # Sculling for linearly varying rate and force, in axes of the middle of the interval.
+        sx = dv[0] + (phi_old[1] * dv[2] - phi_old[2] * dv[1] + dv_old[1] * phi[2] - dv_old[2] * phi[1]) / 12.0
+        sy = dv[1] + (phi_old[2] * dv[0] - phi_old[0] * dv[2] + dv_old[2] * phi[0] - dv_old[0] * phi[2]) / 12.0
+        sz = dv[2] + (phi_old[0] * dv[1] - phi_old[1] * dv[0] + dv_old[0] * phi[1] - dv_old[1] * phi[0]) / 12.0
+        bx, by, bz, bw = _exp_quaternion(0.5 * phi[0], 0.5 * phi[1], 0.5 * phi[2])
+        _multiply(q, bx, by, bz, bw, half)
+        vx, vy, vz = _rotate(half, sx, sy, sz)
+        velocity[k, 0] = velocity[k - 1, 0] + vx
+        velocity[k, 1] = velocity[k - 1, 1] + vy
+        velocity[k, 2] = velocity[k - 1, 2] + vz
+        _multiply(half, bx, by, bz, bw, q)
+        norm = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        q *= norm
+        attitude[k] = q
+        phi_old[:] = phi
+        dv_old[:] = dv
+    return attitude, velocity
+
+
+@njit(cache=True)
+def _multiply(a: FloatArray, bx: float, by: float, bz: float, bw: float, out: FloatArray) -> None:
+    x = a[3] * bx + a[0] * bw + a[1] * bz - a[2] * by
+    y = a[3] * by - a[0] * bz + a[1] * bw + a[2] * bx
+    z = a[3] * bz + a[0] * by - a[1] * bx + a[2] * bw
+    w = a[3] * bw - a[0] * bx - a[1] * by - a[2] * bz
+    out[0], out[1], out[2], out[3] = x, y, z, w
+
+
+def strapdown(unit: Unit) -> Strapdown:
+    """Integrate a unit from identity at its first stamp: ``A_k = A_{k-1} Exp(gyro_k dt)``, ``V_k += A f dt``."""
+    attitude, velocity = _integrate(unit.t, unit.gyro, unit.accel)
+    return Strapdown(unit.t, attitude, velocity)
+
+
+@njit(cache=True)
+def _log_relative(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """Log(A^T B) of quaternions."""
+    x = a[3] * b[0] - a[0] * b[3] - a[1] * b[2] + a[2] * b[1]
+    y = a[3] * b[1] + a[0] * b[2] - a[1] * b[3] - a[2] * b[0]
+    z = a[3] * b[2] - a[0] * b[1] + a[1] * b[0] - a[2] * b[3]
+    w = a[3] * b[3] + a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    if w < 0.0:
+        x, y, z, w = -x, -y, -z, -w
+    s = np.sqrt(x * x + y * y + z * z)
+    scale = 2.0 / w * (1.0 - s * s / (3.0 * w * w)) if s < 1e-4 else 2.0 * np.arctan2(s, w) / s
+    out[0], out[1], out[2] = scale * x, scale * y, scale * z
+
+
+@njit(cache=True)
+def _interpolate(
+    t: FloatArray, attitude: FloatArray, velocity: FloatArray, at: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    n = len(t)
+    m = len(at)
+    q_out = np.empty((m, 4))
+    v_out = np.empty((m, 3))
+    tangent = np.empty((4, 3))
+    node = np.empty(4)
+    weight = np.empty(4)
+    k = 0
+    for i in range(m):
+        while k < n - 2 and t[k + 1] <= at[i]:
+            k += 1
+        first = min(max(k - 1, 0), n - 4)
+        for j in range(4):
+            node[j] = t[first + j]
+            _log_relative(attitude[k], attitude[first + j], tangent[j])
+        for j in range(4):
+            weight[j] = 1.0
+            for other in range(4):
+                if other != j:
+                    weight[j] *= (at[i] - node[other]) / (node[j] - node[other])
+        x = y = z = 0.0
+        v_out[i] = 0.0
+        for j in range(4):
+            x += weight[j] * tangent[j, 0]
+            y += weight[j] * tangent[j, 1]
+            z += weight[j] * tangent[j, 2]
+            for c in range(3):
+                v_out[i, c] += weight[j] * velocity[first + j, c]
+        ex, ey, ez, ew = _exp_quaternion(x, y, z)
+        _multiply(attitude[k], ex, ey, ez, ew, q_out[i])
+    return q_out, v_out
+
+
+def interpolate(path: Strapdown, at: FloatArray) -> Strapdown:
+    """Attitude and velocity at sorted instants (m,), s: a cubic through the four nearest stamps, on the manifold.
+
+    Raises ValueError for instants outside the path or a path of fewer than four stamps.
+    """
+    if len(path.t) < 4:
+        raise ValueError("interpolation needs at least four stamps")
+    if len(at) and (at[0] < path.t[0] - 1e-9 or at[-1] > path.t[-1] + 1e-9):
+        raise ValueError("instants lie outside the path")
+    return Strapdown(at, *_interpolate(path.t, path.attitude, path.velocity, at))

@@ -1,0 +1,178 @@
+"""Whittle maximum likelihood of second-order Gauss-Markov flexure from sampled angles.
+
+Model per axis: ``theta'' + 2 mu theta' + b^2 theta = w`` with PSD of w ``q = 4 mu b^2 sigma^2``, seen through increments
+``theta[k] - theta[k-1]`` over the sampling interval T, plus white increments of variance ``N^2 T`` (angle random walk
+of the gyros). The spectrum of the sampled process is exact, aliasing included: with ``R(n) = sum c_i p_i^|n|``,
+``p_i = exp(s_i T)``, it is ``sum c_i (1 - p_i^2) / (1 - 2 p_i cos w + p_i^2)``, for any damping.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.signal.windows import tukey
+
+FloatArray = NDArray[np.float64]
+
+TAPER = 0.1  # share of the record under the cosine taper: stops leakage of the steep spectrum
+LINEAR_BINS = 400  # frequencies kept one by one; above, they are pooled in bins of equal width in log frequency
+BINS_PER_OCTAVE = 12
+PRIOR_CORRELATION_S = 8.0  # centre and spread of the weak prior on 1/b and mu/b, for short records
+PRIOR_SPREAD = 1.5  # natural-log standard deviation
+
+
+@dataclass(frozen=True)
+class Periodogram:
+    """Pooled periodogram: omega (k,) rad/sample, power (k,) rad^2 (white noise of variance v has power v), count (k,)."""
+
+    omega: FloatArray
+    power: FloatArray
+    count: FloatArray
+
+
+@dataclass(frozen=True)
+class WhittleFit:
+    """One axis. log_parameters: ln mu, ln b^2, ln sigma, ln N (rad/sqrt(s)); covariance (4, 4) of them.
+
+    misfit: mean of power over model minus one, in the octave where it is worst. log_likelihood: with the prior.
+    """
+
+    damping: float
+    stiffness: float
+    std: float
+    gyro_noise: float
+    covariance: FloatArray
+    misfit: float
+    log_likelihood: float
+
+
+def sampled_spectrum(omega: FloatArray, mu: float, stiffness: float, sigma: float, T: float) -> FloatArray:
+    """Spectrum (k,) of theta sampled every T seconds at omega (k,) rad/sample; its mean over frequency is sigma^2."""
+    split = np.sqrt(complex(mu * mu - stiffness))
+    if abs(split) < 1e-5 * mu:  # critical damping: a split this small changes the spectrum by less than 1e-9
+        split = complex(1e-5 * mu)
+    roots = np.array([-mu + split, -mu - split])
+    weights = sigma**2 * np.array([-roots[1], roots[0]]) / (roots[0] - roots[1])
+    poles = np.exp(roots * T)
+    cosine = np.cos(omega)[:, None]
+    terms = weights * -np.expm1(2 * roots * T) / (1.0 - 2.0 * poles * cosine + poles**2)
+    return terms.sum(axis=1).real
+
+
+def increment_spectrum(
+    omega: FloatArray, mu: float, stiffness: float, sigma: float, gyro_noise: float, T: float
+) -> FloatArray:
+    """Spectrum (k,) of the increments of theta over T, white gyro noise ``gyro_noise^2 T`` included."""
+    difference = 4.0 * np.sin(0.5 * omega) ** 2
+    return difference * sampled_spectrum(omega, mu, stiffness, sigma, T) + gyro_noise**2 * T
+
+
+def periodogram(segments: list[FloatArray]) -> Periodogram:
+    """Tapered, pooled periodogram of increments; segments are contiguous pieces (n_i,), each transformed by itself."""
+    omegas, powers = [], []
+    for x in segments:
+        window = tukey(len(x), TAPER)
+        spectrum = np.abs(np.fft.rfft(x * window)) ** 2 / np.sum(window**2)
+        omegas.append(2 * np.pi * np.arange(1, len(spectrum) - 1) / len(x))
+        powers.append(spectrum[1 : len(spectrum) - 1])
+    return _pool(np.concatenate(omegas), np.concatenate(powers))
+
+
+def _pool(omega: FloatArray, power: FloatArray) -> Periodogram:
+    order = np.argsort(omega, kind="stable")
+    omega, power = omega[order], power[order]
+    if len(omega) <= LINEAR_BINS:
+        return Periodogram(omega, power, np.ones(len(omega)))
+    tail = omega[LINEAR_BINS:]
+    label = np.floor(np.log2(tail / tail[0]) * BINS_PER_OCTAVE).astype(int)
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(label)) + 1])
+    count = np.diff(np.concatenate([starts, [len(tail)]])).astype(float)
+    mean = lambda v: np.add.reduceat(v, starts) / count  # noqa: E731
+    return Periodogram(
+        np.concatenate([omega[:LINEAR_BINS], mean(tail)]),
+        np.concatenate([power[:LINEAR_BINS], mean(power[LINEAR_BINS:])]),
+        np.concatenate([np.ones(LINEAR_BINS), count]),
+    )
+
+
+def fit(
+    data: Periodogram,
+    T: float,
+    *,
+    noise_prior: float,
+    noise_spread: float,
+    weight: FloatArray | None = None,
+    start: tuple[float, float, float] | None = None,
+) -> WhittleFit:
+    """Maximise ``-sum count (ln S + I/S)`` plus weak log-normal priors.
+
+    T: s. noise_prior: rad/sqrt(s), centre of the prior on the gyro noise, noise_spread its natural-log sigma. weight: (k,)
+    0..1 per bin (0 leaves a bin out). start: (mu, b^2, sigma) to begin from; otherwise several starts are tried.
+    """
+    count = data.count * (1.0 if weight is None else weight)
+    total = float(np.sum(data.power * data.count) / np.sum(data.count))
+
+    def cost(p: FloatArray) -> float:
+        mu, stiffness, sigma, noise = np.exp(np.clip(p, -40, 20))
+        S = increment_spectrum(data.omega, mu, stiffness, sigma, noise, T)
+        S = np.maximum(S, 1e-12 * total)
+        prior = ((p[3] - np.log(noise_prior)) / noise_spread) ** 2
+        prior += ((0.5 * p[1] + np.log(PRIOR_CORRELATION_S)) / PRIOR_SPREAD) ** 2
+        prior += ((p[0] - 0.5 * p[1]) / PRIOR_SPREAD) ** 2
+        return float(np.sum(count * (np.log(S) + data.power / S)) + 0.5 * prior)
+
+    best = min(
+        (_minimise(cost, p0) for p0 in _starts(total, T, noise_prior, start)),
+        key=lambda solution: solution.fun,
+    )
+    covariance = _inverse_hessian(cost, best.x)
+    mu, stiffness, sigma, noise = np.exp(best.x)
+    S = increment_spectrum(data.omega, mu, stiffness, sigma, noise, T)
+    return WhittleFit(mu, stiffness, sigma, noise, covariance, _misfit(data, S, count), -float(best.fun))
+
+
+def _starts(total: float, T: float, noise: float, start: tuple[float, float, float] | None) -> list[FloatArray]:
+    if start is not None:
+        return [np.log(np.array([*start, noise]))]
+    # The variance of increments over short T is about 2 (R(0) - R(T)) = q T^2 / (4 mu) = b^2 sigma^2 T^2.
+    return [
+        np.log(np.array([b * ratio, b * b, np.sqrt(total) / (b * T), noise]))
+        for b in (0.1, 0.5)
+        for ratio in (1.0, 0.3)
+    ]
+
+
+def _minimise(cost, p0):  # type: ignore[no-untyped-def]
+    rough = minimize(cost, p0, method="Nelder-Mead", options={"maxiter": 250, "xatol": 1e-2, "fatol": 1e-2})
+    return minimize(cost, rough.x, method="L-BFGS-B", options={"maxiter": 60})
+
+
+def _inverse_hessian(cost, p: FloatArray) -> FloatArray:  # type: ignore[no-untyped-def]
+    n, h = len(p), 1e-3
+    H = np.empty((n, n))
+    for i in range(n):
+        for j in range(i, n):
+            di, dj = h * np.eye(n)[i], h * np.eye(n)[j]
+            H[i, j] = H[j, i] = (cost(p + di + dj) - cost(p + di - dj) - cost(p - di + dj) + cost(p - di - dj)) / (
+                4 * h * h
+            )
+    values, vectors = np.linalg.eigh(H)
+    return (vectors / np.maximum(values, 1e-3)) @ vectors.T
+
+
+def _misfit(data: Periodogram, S: FloatArray, count: FloatArray) -> float:
+    """Largest significant relative deviation of power from the model over octaves."""
+    used = count > 0
+    ratio, n = (data.power / S)[used], count[used]
+    label = np.floor(np.log2(data.omega[used])).astype(int)
+    worst = 0.0
+    for octave in np.unique(label):
+        inside = label == octave
+        weight = n[inside].sum()
+        deviation = float(np.sum(ratio[inside] * n[inside]) / weight - 1.0)
+        if abs(deviation) > 4.0 / np.sqrt(weight) and abs(deviation) > abs(worst):
+            worst = deviation
+    return worst

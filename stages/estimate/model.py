@@ -1,0 +1,291 @@
+"""The linear model that ties the observations of both units to flexure, drift, alignment and lever arm.
+
+States (rad, m, s; m-axes unless said)::
+
+    zeta            what the attitudes show, see below    measured free of noise
+    theta'          rate of the flexure                   second-order Gauss-Markov per axis
+    Phi, Phi'       correction of the static angle        integrated random walk (quasi-static bending)
+    d               drift of the attitude match, i-axes   d' = A_m (eps + M omega) + white noise
+    eps             gyro bias of the difference           random walk
+    delay, drift    correction of the time delay          constants
+    V               velocity error, i-axes                V' = -f_i x d + A_m nabla + white noise
+    nabla           accelerometer bias of the difference  random walk
+    r               correction of the lever arm           constant
+    B               correction of its coupling to theta   constant, (3, 3) row-major
+    lag             of the lever arm behind theta         constant, s: flexure moves it only below some frequency
+    M               errors of the gyro difference's scale constant, (3, 3) row-major
+
+The attitudes show ``zeta = theta + Phi + A_m^T d - omega_s delay``, free of noise but for rounding. It takes theta's place as
+a state, so that this measurement is of one state and not a small difference of uncertain ones; theta's dynamics are
+written in it. The second measurement is the mean relative velocity u. With zeta in hand u needs neither theta' nor any
+derivative: ``u - B dz/dt - omega x B z = A_m^T V + omega x r - f delay + ...``. Slow bending moves the lever arm as
+fast bending does, so Phi stays in z there; its constant part is absorbed by r. What flexure moves the lever arm by beyond
+that model is the noise of u.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from physics import flexure
+from physics.kalman import SparseModel
+from physics.rotations import skew
+from schemas.rig import FloatArray
+from stages.paired import Observations
+
+ZETA, THETA_DOT, PHI, PHI_DOT = 0, 3, 6, 9
+D, EPS, DELAY, DRIFT = 12, 15, 18, 19
+V, NABLA, R, B, LAG, M = 20, 23, 26, 29, 38, 39
+SIZE = 48
+Z_NOISE = 1e-7  # rad (0.0004 arcmin): rounding, interpolation and linearisation of z
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Parameters of the model; see the module for the states.
+
+    damping, stiffness, std: (3,) flexure. gyro: (3,) rad/sqrt(s) and gyro_walk rad/s/sqrt(s). quasi_static: rad/s^1.5, of
+    Phi'. velocity: (3,) m/s, of u per step. accel: (m/s)/sqrt(s), accel_walk m/s^2/sqrt(s). The rest are prior sigmas.
+    use_velocity: False leaves the accelerometers out.
+    """
+
+    damping: FloatArray
+    stiffness: FloatArray
+    std: FloatArray
+    gyro: FloatArray
+    gyro_walk: float
+    quasi_static: float
+    velocity: FloatArray
+    accel: float
+    accel_walk: float
+    phi_prior: float
+    drift_prior: float
+    gyro_bias_prior: float
+    delay_prior: float
+    clock_prior: float
+    accel_bias_prior: float
+    lever_prior: float
+    coupling_prior: float
+    lag_prior: float
+    scale_prior: float
+    use_velocity: bool = True
+
+
+def build(obs: Observations, noise: Noise, coupling: FloatArray, x0: FloatArray) -> SparseModel:
+    """The sparse model for :mod:`physics.kalman`; coupling: (3, 3) B about which it is linearised, x0: (SIZE,) prior mean."""
+    transition = _transition(obs, noise)
+    process = _process(obs, noise)
+    columns, rows, z, variance = _measurements(obs, noise, coupling)
+    return SparseModel(*transition, *process, columns, rows, z, variance, x0, _prior(obs, noise))
+
+
+def _prior(obs: Observations, noise: Noise) -> FloatArray:
+    ones = np.ones(3)
+    rate = np.sqrt(noise.stiffness) * noise.std
+    creep = noise.quasi_static * np.sqrt(1800.0) * ones
+    sigma = np.concatenate([
+        noise.std, rate, noise.phi_prior * ones, creep, noise.drift_prior * ones, noise.gyro_bias_prior * ones,
+        [noise.delay_prior, noise.clock_prior], 10.0 * ones, noise.accel_bias_prior * ones, noise.lever_prior * ones,
+        noise.coupling_prior * np.ones(9), [noise.lag_prior], noise.scale_prior * np.ones(9),
+    ])  # fmt: skip
+    T = zeta_map(obs)  # from theta in the first place to zeta
+    return np.asarray(T @ np.diag(sigma**2) @ T.T)
+
+
+def zeta_map(obs: Observations) -> FloatArray:
+    """(SIZE, SIZE) that turns a state with theta(t_0) in the first place into one with zeta(t_0)."""
+    T = np.eye(SIZE)
+    T[ZETA : ZETA + 3, PHI : PHI + 3] = np.eye(3)
+    T[ZETA : ZETA + 3, D : D + 3] = obs.A_end[0].T
+    T[ZETA : ZETA + 3, DELAY] = -obs.rate_s_m[0]
+    T[ZETA : ZETA + 3, DRIFT] = -obs.rate_s_m[0] * obs.centred[0]
+    return T
+
+
+class _Pattern:
+    """Collects the entries of a sparse matrix that changes with time."""
+
+    def __init__(self, steps: int) -> None:
+        self.steps = steps
+        self.rows: list[int] = []
+        self.cols: list[int] = []
+        self.values: list[FloatArray] = []
+
+    def add(self, row: int, col: int, value: FloatArray | float) -> None:
+        self.rows.append(row)
+        self.cols.append(col)
+        self.values.append(np.broadcast_to(np.asarray(value, dtype=float), (self.steps,)))
+
+    def block(self, row: int, col: int, value: FloatArray) -> None:
+        """(N, 3, 3) values."""
+        for i in range(3):
+            for j in range(3):
+                self.add(row + i, col + j, value[:, i, j])
+
+    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return np.array(self.rows), np.array(self.cols), np.ascontiguousarray(np.stack(self.values, axis=1))
+
+
+def _flexure_steps(obs: Observations, noise: Noise, axis: int) -> tuple[FloatArray, FloatArray]:
+    dt, which = np.unique(np.round(obs.dt, 7), return_inverse=True)
+    parameters = noise.damping[axis], noise.stiffness[axis]
+    F = flexure.transition(*parameters, dt)
+    Q = flexure.noise_covariance(*parameters, noise.std[axis], dt)
+    return F[which], Q[which]
+
+
+def _transition(obs: Observations, noise: Noise):  # type: ignore[no-untyped-def]
+    E = _Pattern(len(obs.dt))
+    _flexure_rows(E, obs, noise)
+    if noise.quasi_static > 0.0:
+        for axis in range(3):
+            E.add(PHI + axis, PHI_DOT + axis, obs.dt)
+    E.block(D, EPS, obs.A_integral)
+    _scale_rows(E, D, obs.A_integral, obs.omega)
+    if noise.use_velocity:
+        E.block(V, D, -skew(obs.force_i) * obs.dt[:, None, None])
+        E.block(V, NABLA, obs.A_integral)
+    return E.arrays()
+
+
+def _flexure_rows(E: _Pattern, obs: Observations, noise: Noise) -> None:
+    """zeta and theta': theta = zeta - Phi - A_m^T d + omega_s delay stepped on, and put back."""
+    A_T = np.swapaxes(obs.A_end, 1, 2)
+    before = np.concatenate([A_T[:1], A_T[:-1]])
+    rate = obs.rate_s_m[obs.index]
+    rate_before = np.concatenate([rate[:1], rate[:-1]])
+    centred_before = np.concatenate([obs.centred[:1], obs.centred[:-1]])
+    on_eps = A_T @ obs.A_integral
+    for axis in range(3):
+        F, _ = _flexure_steps(obs, noise, axis)
+        for row, f, kept in ((ZETA, F[:, 0], 1.0), (THETA_DOT, F[:, 1], 0.0)):
+            E.add(row + axis, ZETA + axis, f[:, 0] - kept)
+            E.add(row + axis, THETA_DOT + axis, f[:, 1] - (1.0 - kept))
+            E.add(row + axis, PHI + axis, kept - f[:, 0])
+            for j in range(3):
+                E.add(row + axis, D + j, kept * A_T[:, axis, j] - f[:, 0] * before[:, axis, j])
+            now, then = rate[:, axis], rate_before[:, axis]
+            E.add(row + axis, DELAY, f[:, 0] * then - kept * now)
+            E.add(row + axis, DRIFT, f[:, 0] * then * centred_before - kept * now * obs.centred)
+        if noise.quasi_static > 0.0:
+            E.add(ZETA + axis, PHI_DOT + axis, obs.dt)
+    E.block(ZETA, EPS, on_eps)
+    _scale_rows(E, ZETA, on_eps, obs.omega)
+
+
+def _scale_rows(E: _Pattern, first: int, on_eps: FloatArray, omega: FloatArray) -> None:
+    """A gyro error M omega acts as a bias does."""
+    for row in range(3):
+        for i in range(3):
+            for j in range(3):
+                E.add(first + row, M + 3 * i + j, on_eps[:, row, i] * omega[:, j])
+
+
+def _process(obs: Observations, noise: Noise):  # type: ignore[no-untyped-def]
+    Q = _Pattern(len(obs.dt))
+    extra = _gap_variance(_step_jumps(obs), noise)
+    A_T = np.swapaxes(obs.A_end, 1, 2)
+    drift = np.einsum("kij,j,klj->kil", obs.A_mid, noise.gyro**2, obs.A_mid) * obs.dt[:, None, None]
+    drift = drift + extra[:, None, None] * np.eye(3)
+    seen = A_T @ drift
+    shown = seen @ obs.A_end
+    for axis in range(3):
+        _, q = _flexure_steps(obs, noise, axis)
+        Q.add(ZETA + axis, ZETA + axis, q[:, 0, 0])
+        Q.add(ZETA + axis, THETA_DOT + axis, q[:, 0, 1])
+        Q.add(THETA_DOT + axis, THETA_DOT + axis, q[:, 1, 1])
+        if noise.quasi_static > 0.0:
+            Q.add(PHI_DOT + axis, PHI_DOT + axis, noise.quasi_static**2 * obs.dt)
+        Q.add(EPS + axis, EPS + axis, noise.gyro_walk**2 * obs.dt)
+        Q.add(NABLA + axis, NABLA + axis, noise.accel_walk**2 * obs.dt)
+        Q.add(V + axis, V + axis, noise.accel**2 * obs.dt + (2.0 * _step_jumps(obs)) ** 2)
+        for other in range(3):
+            Q.add(ZETA + axis, D + other, seen[:, axis, other])
+            if other >= axis:
+                Q.add(ZETA + axis, ZETA + other, shown[:, axis, other])
+                Q.add(D + axis, D + other, drift[:, axis, other])
+    return Q.arrays()
+
+
+def _step_jumps(obs: Observations) -> FloatArray:
+    """(N,) s bridged within each step."""
+    total = np.concatenate([[0.0], np.cumsum(obs.jump_s)])
+    ends = total[obs.index + 1]
+    return np.diff(ends, prepend=0.0)
+
+
+def _gap_variance(jump: FloatArray, noise: Noise) -> FloatArray:
+    """Variance of what the bridging of a gap can have missed of the relative rotation.
+
+    The flexure that happened unseen, at most its stationary spread, plus the curvature of ship motion that linear
+    bridging leaves out, which is common to both units only where both were bridged.
+    """
+    q = np.max(4 * noise.damping * noise.stiffness * noise.std**2)
+    unseen = np.minimum(q * jump**3, 4.0 * np.max(noise.std) ** 2)
+    motion = np.minimum(0.05 * jump**3, 0.05 * jump)  # rad, rate jerk of a lively ship
+    return np.asarray(unseen + motion**2) * (jump > 0)
+
+
+def _measurements(obs: Observations, noise: Noise, coupling: FloatArray):  # type: ignore[no-untyped-def]
+    N = len(obs.dt)
+    columns = np.zeros((6, 26), dtype=np.int64)
+    rows = np.zeros((N, 6, 26))
+    rate = obs.rate_s_m[obs.index]
+    for i in range(3):
+        columns[i, 0] = ZETA + i
+        rows[:, i, 0] = 1.0
+    z = np.full((N, 6), np.nan)
+    z[:, :3] = obs.z
+    variance = np.full((N, 6), Z_NOISE**2)
+    if noise.use_velocity:
+        _velocity_rows(obs, coupling, rate, columns, rows)
+        z[:, 3:] = obs.u - _flexure_velocity(obs, coupling)
+        variance[:, 3:] = noise.velocity**2
+        z[:2, 3:] = np.nan
+    return columns, rows, z, variance
+
+
+def _flexure_rate(obs: Observations) -> tuple[FloatArray, FloatArray]:
+    """Mean of theta' and of theta over each step, as far as z tells."""
+    rate = np.full_like(obs.z, np.nan)
+    mean = np.full_like(obs.z, np.nan)
+    rate[1:] = np.diff(obs.z, axis=0) / obs.dt[1:, None]
+    mean[1:] = 0.5 * (obs.z[1:] + obs.z[:-1])
+    return rate, mean
+
+
+def _flexure_velocity(obs: Observations, coupling: FloatArray) -> FloatArray:
+    rate, mean = _flexure_rate(obs)
+    return rate @ coupling.T + np.cross(obs.omega, mean @ coupling.T)
+
+
+def _velocity_rows(
+    obs: Observations, coupling: FloatArray, rate: FloatArray, columns: FloatArray, rows: FloatArray
+) -> None:
+    A_mid_T = np.swapaxes(obs.A_mid, 1, 2)
+    dt = np.maximum(obs.dt, 1e-9)[:, None, None]
+    turning = skew(obs.omega)
+    A_change = np.swapaxes(obs.A_end - obs.A_start, 1, 2) / dt
+    on_d = A_mid_T @ skew(obs.force_i) * (0.5 * dt) - coupling @ A_change - turning @ coupling @ A_mid_T
+    rate_change = np.diff(rate, axis=0, prepend=rate[:1]) / dt[:, :, 0]
+    on_delay = -obs.force_s_m + rate_change @ coupling.T + np.cross(obs.omega, rate @ coupling.T)
+    theta_dot, theta = (np.nan_to_num(x) for x in _flexure_rate(obs))
+    theta_ddot = np.nan_to_num(np.diff(_flexure_rate(obs)[0], axis=0, prepend=np.nan) / dt[:, 0])
+    for i in range(3):
+        columns[3 + i] = [
+            *range(V, V + 3), *range(D, D + 3), NABLA + i, *range(R, R + 3), DELAY, DRIFT,
+            *range(B, B + 9), LAG, *[0] * 4,
+        ]  # fmt: skip
+        row = rows[:, 3 + i]
+        row[:, 0:3] = A_mid_T[:, i]
+        row[:, 3:6] = on_d[:, i]
+        row[:, 6] = -0.5 * obs.dt
+        row[:, 7:10] = turning[:, i]
+        row[:, 10] = on_delay[:, i]
+        row[:, 11] = on_delay[:, i] * obs.centred
+        for a in range(3):
+            row[:, 12 + 3 * a : 15 + 3 * a] = turning[:, i, a][:, None] * theta
+        row[:, 12 + 3 * i : 15 + 3 * i] += theta_dot
+        row[:, 21] = -(theta_ddot @ coupling.T)[:, i]

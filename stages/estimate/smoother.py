@@ -1,0 +1,169 @@
+"""Deckflex's own estimators: the fixed-interval smoother and its causal half.
+
+Both gyros are integrated, so that the total angle is known at each instant but for one drifting 3-vector d; the filter and
+smoother estimate d together with static angle, delay, lever arm and sensor errors, with specific force matched at velocity
+level (:mod:`stages.estimate.model`). The covariance of the answer is that of d and the delay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from schemas.products import Alignment, Deformation, Estimate, FlexureModel, Innovations, Status
+from schemas.rig import FloatArray
+from schemas.trial import Trial
+from stages.estimate import model as m
+from stages.estimate.solve import OUT, Solution, solve, total_rotation
+
+CHANNELS = (
+    "attitude x", "attitude y", "attitude z", "relative velocity x", "relative velocity y", "relative velocity z",
+)  # fmt: skip
+WEAK_SHARE = 0.7  # of the prior sigma: a parameter that kept more than this was not really seen
+GYROS_ONLY = 1.0  # m/s: a velocity noise beyond it leaves the accelerometers no weight
+
+
+class Smoother:
+    """Fixed-interval smoother over gyros and velocity-matched specific force; every sample sees the whole record."""
+
+    name: ClassVar[str] = "smoother"
+    source: ClassVar[str] = "deckflex; attitude and velocity matching, modified Bryson-Frazier smoother"
+    options: ClassVar[Mapping[str, str]] = {}
+
+    def estimate(self, trial: Trial, alignment: Alignment, flexure: FlexureModel) -> Deformation:
+        """Deformation of a trial; DataError when the units hardly overlap."""
+        solution = solve(trial, alignment, flexure)
+        return _deformation(self.name, trial, alignment, solution, solution.smoothed.x, solution.smoothed.P)
+
+
+class CausalFilter:
+    """The forward half of the smoother: each sample sees its past alone; noise levels are those of the whole record."""
+
+    name: ClassVar[str] = "filter"
+    source: ClassVar[str] = "deckflex; attitude and velocity matching, Kalman filter"
+    options: ClassVar[Mapping[str, str]] = {}
+
+    def estimate(self, trial: Trial, alignment: Alignment, flexure: FlexureModel) -> Deformation:
+        """Deformation of a trial; DataError when the units hardly overlap."""
+        solution = solve(trial, alignment, flexure)
+        P = solution.filtered.P_out[:, :, OUT]
+        return _deformation(self.name, trial, alignment, solution, solution.filtered.x[:, OUT], P)
+
+
+def _deformation(
+    name: str, trial: Trial, alignment: Alignment, solution: Solution, x: FloatArray, P: FloatArray
+) -> Deformation:
+    obs = solution.obs
+    total = total_rotation(obs, x)[obs.good]
+    static = _static(solution, x)[obs.good]
+    # theta = Log(R Exp(-Phi)): the dynamic part acts after the static one.
+    dynamic = total * static.inv()
+    parameters = _parameters(trial, solution)
+    return Deformation(
+        estimator=name,
+        stamp=trial.epoch + np.rint(obs.t[obs.good] * 1e9).astype(np.int64),
+        total=total.as_rotvec(),
+        static_part=static.as_rotvec(),
+        dynamic_part=dynamic.as_rotvec(),
+        covariance=_covariance(solution, P),
+        alignment=_alignment(alignment, solution, parameters["time_delay"]),
+        flexure=solution.flexure,
+        innovations=_innovations(solution),
+        parameters=parameters,
+        used=_used(solution),
+    )
+
+
+def _static(solution: Solution, x: FloatArray) -> Rotation:
+    """(n,) Exp(Phi) at full rate."""
+    obs = solution.obs
+    phi = np.stack([np.interp(obs.t, obs.t[obs.index], x[:, 5 + i]) for i in range(3)], axis=1)
+    return Rotation.from_rotvec(phi) * Rotation.from_matrix(solution.at.R_ref)
+
+
+def _covariance(solution: Solution, P: FloatArray) -> FloatArray:
+    """(n, 3, 3) rad^2 of the total: J P J^T with J = [-A_m^T, omega_s, omega_s centred], good samples."""
+    obs = solution.obs
+    steps = obs.t[obs.index]
+    t = obs.t[obs.good]
+    at_full_rate = np.empty((len(t), 5, 5))
+    for i in range(5):
+        for j in range(i, 5):
+            at_full_rate[:, i, j] = at_full_rate[:, j, i] = np.interp(t, steps, P[:, i, j])
+    J = np.empty((len(t), 3, 5))
+    J[:, :, :3] = -np.swapaxes(obs.A_m[obs.good].as_matrix(), 1, 2)
+    J[:, :, 3] = obs.rate_s_m[obs.good]
+    J[:, :, 4] = J[:, :, 3] * (t - 0.5 * (obs.t[0] + obs.t[-1]))[:, None]
+    full = J @ at_full_rate @ np.swapaxes(J, 1, 2)
+    return np.asarray(0.5 * (full + np.swapaxes(full, 1, 2)))
+
+
+def _parameters(trial: Trial, solution: Solution) -> dict[str, Estimate]:
+    at, noise = solution.at, solution.noise
+    x, P = solution.filtered.x[-1], np.diag(solution.filtered.P_last)
+
+    def estimate(base: FloatArray, first: int, count: int, prior: float) -> Estimate:
+        std = np.sqrt(np.maximum(P[first : first + count], 0.0))
+        weak = bool(np.any(std > WEAK_SHARE * prior))
+        status = Status.WEAK if weak else Status.ESTIMATED
+        return Estimate(
+            base + x[first : first + count], std, status, "the record says little beyond the prior" if weak else ""
+        )
+
+    delay = estimate(np.array([at.delay]), m.DELAY, 1, noise.delay_prior)
+    found = {
+        "time_delay": replace(delay, value=delay.value[0], std=delay.std[0]),
+        "clock_drift": estimate(np.array([at.drift]), m.DRIFT, 1, noise.clock_prior),
+        "gyro_bias": estimate(at.R_ref @ at.gyro_bias, m.EPS, 3, noise.gyro_bias_prior),
+        "gyro_noise": Estimate(noise.gyro, 0.0 * noise.gyro),
+    }
+    if noise.use_velocity:
+        found["lever_arm"] = estimate(at.lever_arm, m.R, 3, noise.lever_prior)
+        found["accel_bias"] = estimate(np.zeros(3), m.NABLA, 3, noise.accel_bias_prior)
+        found["lever_lag"] = estimate(np.zeros(1), m.LAG, 1, noise.lag_prior)
+    return found
+
+
+def _alignment(alignment: Alignment, solution: Solution, delay: Estimate) -> Alignment:
+    """The alignment as refined: static angle at mid-record, its covariance, and the delay."""
+    middle = len(solution.smoothed.x) // 2
+    phi = solution.smoothed.x[middle, 5:8]
+    P = solution.smoothed.P[middle, 5:, 5:]
+    rotation = Rotation.from_rotvec(phi) * Rotation.from_matrix(solution.at.R_ref)
+    std = np.sqrt(np.maximum(np.diag(P), 0.0))
+    static = Estimate(rotation.as_rotvec(), std, *_static_status(solution, std))
+    return replace(alignment, rotation=rotation.as_matrix(), static=static, covariance=P, time_delay=delay)
+
+
+def _static_status(solution: Solution, std: FloatArray) -> tuple[Status, str]:
+    if np.any(std > WEAK_SHARE * solution.noise.phi_prior):
+        return Status.NOT_OBSERVABLE, "the ship hardly turned: the static angle stays as uncertain as it was"
+    if np.any(std > 3.0 * solution.flexure.std):
+        return Status.WEAK, "the motion was weak: the static angle is known worse than the flexure is large"
+    return Status.ESTIMATED, ""
+
+
+def _innovations(solution: Solution) -> Innovations:
+    filtered, obs = solution.filtered, solution.obs
+    values = filtered.innovation / np.sqrt(filtered.innovation_variance)
+    return Innovations(obs.t[obs.index], values, CHANNELS)
+
+
+def _used(solution: Solution) -> tuple[str, ...]:
+    noise = solution.noise
+    if not noise.use_velocity:
+        return ("gyros of both units", "specific force: not used, it disagreed with the gyros")
+    velocity = " ".join(f"{1e3 * v:.2g}" for v in noise.velocity)
+    bending = (
+        f"quasi-static bending {np.degrees(noise.quasi_static) * 60:.0e} arcmin/s^1.5" if noise.quasi_static else ""
+    )
+    said = (
+        "gyros of both units",
+        f"specific force, relative velocity weighted with {velocity} mm/s (x y z) per step",
+        bending,
+    )
+    return tuple(sentence for sentence in said if sentence)

@@ -1,0 +1,109 @@
+"""Noise and priors of the model: where they start, and how they follow from the data.
+
+A rig may state them; what it leaves open comes from the log. The angle random walk is read off the spectrum of the
+flexure increments; bias priors follow the biases found (empirical Bayes); the noise of the velocity match follows from its own
+innovations, so that a lever arm the model describes badly loses its weight by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, PPM
+from schemas.products import Alignment, FlexureModel
+from schemas.rig import FloatArray, Rig
+from stages.estimate.model import Noise
+
+ANGLE_PRIOR = 60 * ARCMIN  # of the static angle and of the start of the drift, at least
+DELAY_PRIOR_S = (2e-3, 0.05)  # least and most
+CLOCK_PRIOR = 30e-6  # s/s, two crystal clocks
+LEVER_PRIOR_M = 100.0  # where the rig states nothing
+COUPLING_SHARE = 0.1  # of the lever arm: how far flexure between the two places differs from a rigid lever's
+LAG_PRIOR_S = 0.05
+FINE_GYRO = 1.4e-3 * DEG_PER_SQRT_HOUR  # the grade at which the next figures hold; coarser units have larger ones
+FINE_BIAS = 0.02 * DEG_PER_HOUR
+FINE_SCALE = 30 * PPM  # scale factors and non-orthogonality (6 arcsec) alike
+FINE_ACCEL_BIAS = 100 * MICRO_G
+FINE_ACCEL_NOISE = 2e-4  # (m/s)/sqrt(s)
+GRADE_EXPONENT = 0.8  # from a fibre gyro (0.001 deg/sqrt(h), 5 ppm) to a MEMS (0.3 deg/sqrt(h), 0.3 %)
+VELOCITY_START = 5e-3  # m/s per step; the fit anneals from here
+VELOCITY_FLOOR = 2e-5
+PRIOR_WEIGHT = 1.0  # degrees of freedom of the grade's figure against the three biases found
+
+
+def grade(gyro_noise: FloatArray) -> float:
+    """How much coarser than a fibre gyro the pair is, >= 1."""
+    return float(max(np.median(gyro_noise) / FINE_GYRO, 1.0))
+
+
+def initial(alignment: Alignment, flexure: FlexureModel, rig: Rig) -> Noise:
+    """Where the tuning begins."""
+    coarse = grade(flexure.gyro_noise)
+    angle = max(ANGLE_PRIOR, 3.0 * float(np.max(alignment.static.std)))
+    delay = float(np.clip(5.0 * float(alignment.time_delay.std), *DELAY_PRIOR_S))
+    known = rig.lever_arm is not None
+    noise = Noise(
+        damping=flexure.damping, stiffness=flexure.stiffness, std=flexure.std, gyro=flexure.gyro_noise,
+        gyro_walk=0.0, quasi_static=0.0, velocity=np.full(3, VELOCITY_START * np.sqrt(coarse)),
+        accel=accel_noise(rig, coarse), accel_walk=0.0, phi_prior=angle, drift_prior=angle,
+        gyro_bias_prior=stated(rig, "gyro_bias_std") or FINE_BIAS * coarse, delay_prior=delay, clock_prior=CLOCK_PRIOR,
+        accel_bias_prior=stated(rig, "accel_bias_std") or FINE_ACCEL_BIAS * coarse**GRADE_EXPONENT,
+        lever_prior=rig.lever_arm_std if known else LEVER_PRIOR_M, coupling_prior=1.0, lag_prior=LAG_PRIOR_S,
+        scale_prior=FINE_SCALE * coarse**GRADE_EXPONENT,
+    )  # fmt: skip
+    return with_flexure(noise, flexure)
+
+
+def stated(rig: Rig, name: str) -> float | None:
+    """Root sum of squares of a figure that the rig states for both units, else None."""
+    main, sub = getattr(rig.main, name), getattr(rig.sub, name)
+    return None if main is None or sub is None else float(np.hypot(main, sub))
+
+
+def accel_noise(rig: Rig, coarse: float) -> float:
+    """(m/s)/sqrt(s) of the difference of both accelerometers."""
+    return stated(rig, "accel_vrw") or FINE_ACCEL_NOISE * np.sqrt(coarse)
+
+
+def with_flexure(noise: Noise, flexure: FlexureModel) -> Noise:
+    """Take over an identified flexure model and the grade that its gyro noise shows."""
+    coarse = grade(flexure.gyro_noise)
+    gyro = np.full(3, float(np.median(flexure.gyro_noise)))
+    return replace(
+        noise, damping=flexure.damping, stiffness=flexure.stiffness, std=flexure.std, gyro=gyro,
+        # In-run instability: over an hour about a tenth of the bias prior.
+        gyro_walk=0.1 * noise.gyro_bias_prior / 60.0, accel_walk=0.02 * noise.accel_bias_prior / 60.0,
+        scale_prior=FINE_SCALE * coarse**GRADE_EXPONENT,
+    )  # fmt: skip
+
+
+def with_biases(
+    noise: Noise, rig: Rig, gyro: tuple[FloatArray, FloatArray], accel: tuple[FloatArray, FloatArray]
+) -> Noise:
+    """Bias priors by empirical Bayes from (value, std) of the three biases found; a stated rig keeps its own."""
+    coarse = grade(noise.gyro)
+    updates = {}
+    if stated(rig, "gyro_bias_std") is None:
+        updates["gyro_bias_prior"] = _spread(FINE_BIAS * coarse, *gyro)
+    if stated(rig, "accel_bias_std") is None:
+        updates["accel_bias_prior"] = _spread(FINE_ACCEL_BIAS * coarse**GRADE_EXPONENT, *accel)
+    return replace(noise, **updates)
+
+
+def _spread(centre: float, value: FloatArray, std: FloatArray) -> float:
+    return float(np.sqrt((np.sum(value**2 + std**2) + PRIOR_WEIGHT * centre**2) / (3.0 + PRIOR_WEIGHT)))
+
+
+def with_velocity(noise: Noise, innovation: FloatArray, variance: FloatArray) -> Noise:
+    """Scale the noise of the velocity match so that its normalised innovations (N, 3) get unit variance."""
+    seen = np.isfinite(innovation).all(axis=1)
+    if seen.sum() < 20:
+        return noise
+    # The median is deaf to slamming and other rare events; 0.455 is the median of chi-square with one degree.
+    ratio = np.median(innovation[seen] ** 2 / variance[seen], axis=0) / 0.455
+    excess = np.median(innovation[seen] ** 2, axis=0) / 0.455 - np.median(variance[seen], axis=0)
+    target = np.sqrt(np.maximum(noise.velocity**2 + excess, (0.25 * noise.velocity) ** 2))
+    scaled = np.where(ratio > 1.0, np.minimum(target, 10.0 * noise.velocity), target)
+    return replace(noise, velocity=np.maximum(scaled, VELOCITY_FLOOR))
