@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 BAD_DATA = 1
 INTERRUPTED = 128 + signal.SIGINT
 TERMINATED = 128 + signal.SIGTERM
-PLAIN_WIDTH = 110  # columns where standard output is not a terminal
+PLAIN_WIDTH = 160  # columns where standard output is not a terminal
 
 
 def guarded(command: Callable[[], object], *, debug: bool) -> int:

@@ -139,7 +139,7 @@ def _estimate(
         deck_shape, trouble = _shape(options.shape, trial, deformation)
     with steps.step("score"):
         scoring = score_all(deformation, trial, decoded.truth)
-    warnings = [*_warnings(trial, alignment, deformation, deck_shape, scoring.scores), *trouble, *scoring.notes]
+    warnings = [*_warnings(trial, alignment, deformation, scoring.scores), *trouble, *scoring.notes]
     return Result(deformation, deck_shape, scoring.scores, tuple(dict.fromkeys(warnings)), {})
 
 
@@ -155,9 +155,7 @@ def _shape(name: str | None, trial: Trial, deformation: Deformation) -> tuple[De
         return None, (f"no deck shape: {error}",)
 
 
-def _warnings(
-    trial: Trial, alignment: Alignment, deformation: Deformation, deck_shape: DeckShape | None, scores: Sequence[Score]
-) -> tuple[str, ...]:
+def _warnings(trial: Trial, alignment: Alignment, deformation: Deformation, scores: Sequence[Score]) -> tuple[str, ...]:
     """What a person must know before trusting the figures, a sentence each."""
     return (
         *trial.notes,
@@ -166,7 +164,6 @@ def _warnings(
         *_doubts("time delay", time_delay(deformation)),
         *_flexure_doubts(deformation.flexure),
         *deformation.notes,
-        *(deck_shape.notes if deck_shape else ()),
         *(sentence for score in scores for sentence in _contradictions(score)),
     )
 

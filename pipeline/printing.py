@@ -27,7 +27,8 @@ def run_report(run: LogRun, written: Mapping[str, str]) -> list[object]:
     ]
     parts += [f"used        {', '.join(deformation.used) or 'not stated'}"]
     if run.result.deck_shape is not None:
-        parts += ["", deck_table(run.result.deck_shape)]
+        notes = [f"note        {note}" for note in run.result.deck_shape.notes]
+        parts += ["", deck_table(run.result.deck_shape), *(["", *notes] if notes else [])]
     parts += [*warning_lines(run.result.warnings), ""]
     parts += [f"wrote       {kind}: {path}" for kind, path in written.items()]
     return [*parts, f"took        {speed_line(run)}"]

@@ -10,10 +10,10 @@ from rich.table import Table
 
 def plain_table(first: str, *columns: str, title: str | None = None) -> Table:
     """A table of text: the first column to the left, the others to the right."""
-    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, show_edge=False)
-    table.add_column(first)
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, show_edge=False, padding=(0, 1))
+    table.add_column(first, overflow="fold")
     for column in columns:
-        table.add_column(column, justify="right")
+        table.add_column(column, justify="right", overflow="fold")
     return table
 
 
