@@ -23,18 +23,18 @@ def publish_log(
     target: Path,
     only_estimates: bool = False,
     frame: str = MAIN_FRAME,
-) -> None:
+) -> tuple[str, ...]:
     """Write target: the source log with the result's channels appended, or those channels alone.
 
     The source is never changed; target appears whole or not at all. Provenance goes into a metadata record
-    named "deckflex". frame: frame_id of the main IMU.
+    named "deckflex". frame: frame_id of the main IMU. Returns what was odd about the source, a sentence each.
     """
     tables = result_tables(result, trial, frame)
     metadata = {RECORD: {key: str(value) for key, value in result.provenance.items()}}
     if only_estimates:
         write_log(target, tables, metadata=metadata)
-    else:
-        append_tables(source, target, tables, metadata=metadata)
+        return ()
+    return append_tables(source, target, tables, metadata=metadata)
 
 
 def write_parquet(result: Result, directory: Path, stem: str) -> tuple[Path, ...]:

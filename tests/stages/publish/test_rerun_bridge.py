@@ -1,0 +1,183 @@
+"""Recordings read back: what is in them, in which units, broken where the data are."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from physics.units import ARCMIN
+from stages.publish.recording.layout import SHARED_TIME
+from stages.publish.rerun_bridge import write_recording
+from tests.stages import synthetic_result as synthetic
+
+
+@pytest.fixture(scope="module")
+def case():
+    return synthetic.case(duration=120.0, rate=50.0, gap=(50.0, 62.0))
+
+
+@pytest.fixture(scope="module")
+def path(case, tmp_path_factory):
+    path = tmp_path_factory.mktemp("rrd") / "run.rrd"
+    write_recording(case.result, case.trial, case.truth, path)
+    return path
+
+
+def chunks(path, blueprint=False):
+    """Record batches of a store by entity path."""
+    reader = RrdReader(path)
+    stream = reader.stream(store=reader.blueprints()[0]) if blueprint else reader.stream()
+    found: dict[str, list] = {}
+    for chunk in stream:
+        found.setdefault(str(chunk.entity_path), []).append(chunk.to_record_batch())
+    return found
+
+
+def column(batches, name):
+    """All rows of one component that is temporal, lists flattened, and their trial times in s."""
+    parts = [b for b in batches if name in b.schema.names and "trial_time" in b.schema.names]
+    values = np.concatenate([b.column(name).flatten().to_numpy(zero_copy_only=False) for b in parts])
+    times = np.concatenate([b.column("trial_time").cast("int64").to_numpy() for b in parts]) * 1e-9
+    return times, values
+
+
+def view_names(path):
+    names = []
+    for entity, batches in chunks(path, blueprint=True).items():
+        if entity.startswith("/view/") and entity.count("/") == 2:
+            names += [b.column("ViewBlueprint:display_name")[0][0].as_py() for b in batches]
+    return names
+
+
+def test_verify_finds_no_fault(path):
+    rerun = Path(sys.executable).with_name("rerun")
+    assert subprocess.run([rerun, "rrd", "verify", path], capture_output=True).returncode == 0
+
+
+def test_estimate_is_at_full_rate_with_its_three_sigma(case, path):
+    d = case.result.deformation
+    batches = chunks(path)["/deformation/estimate/z"]
+    times, values = column(batches, "Measurements:values")
+    variances = column(batches, "Measurements:variances")[1]
+    good = np.isfinite(values)
+    np.testing.assert_allclose(times[good], (d.stamp - case.trial.epoch) * 1e-9, atol=1e-9)
+    np.testing.assert_allclose(values[good], d.total[:, 2] / ARCMIN, rtol=1e-6)
+    np.testing.assert_allclose(np.sqrt(variances[good]), 3 * np.sqrt(d.covariance[:, 2, 2]) / ARCMIN, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("entity", "name"),
+    [
+        ("/deformation/estimate/x", "Measurements:values"),
+        ("/deformation/phins/x", "Scalars:scalars"),
+        ("/error/truth/y", "Scalars:scalars"),
+        ("/sensors/gyro/main", "Scalars:scalars"),
+        ("/innovations", "Scalars:scalars"),
+    ],
+)
+def test_lines_break_in_the_gap(path, entity, name):
+    times, values = column(chunks(path)[entity], name)
+    values = values.reshape(len(times), -1)
+    broken = times[~np.isfinite(values).all(axis=1)]
+    assert len(broken) == 1
+    assert 49.9 < broken[0] < 62.0
+
+
+def test_reference_drawn_is_the_truth(case, path):
+    times, values = column(chunks(path)["/deformation/truth/y"], "Scalars:scalars")
+    good = np.isfinite(values)
+    t = (case.truth.stamp - case.trial.epoch) * 1e-9
+    expected = np.interp(times[good], t, case.truth.total[:, 1] / ARCMIN)
+    np.testing.assert_allclose(values[good], expected, atol=1e-4)
+
+
+def test_both_timelines_agree(case, path):
+    batch = next(b for b in chunks(path)["/error/truth/x"] if "utc" in b.schema.names)
+    trial = batch.column("trial_time").cast("int64").to_numpy()
+    utc = batch.column("utc").cast("int64").to_numpy()
+    np.testing.assert_array_equal(utc - trial, case.trial.epoch)
+
+
+def test_views_say_their_units(path):
+    names = view_names(path)
+    for unit in ("[arcmin]", "[deg/s]", "[m/s²]", "[ms]", "[1e-5 rad/m]", "[arcmin²/Hz]"):
+        assert any(unit in name for name in names), unit
+    unitless = {"GNSS track", "Summary", "Accuracy in figures", "Phases and gaps", "Gaps"}
+    assert all("[" in name for name in names if name not in unitless)
+
+
+def test_tabs_are_there_in_order(path):
+    containers = [b for e, bs in chunks(path, blueprint=True).items() if e.startswith("/container/") for b in bs]
+    name = "ContainerBlueprint:display_name"
+    names = {b.column(name)[0][0].as_py() for b in containers if name in b.schema.names}
+    assert names >= {"Overview", "Accuracy", "Deck shape", "Sensors", "Spectra"}
+
+
+def test_time_axes_open_on_the_whole_trial(case, path):
+    shared = chunks(path, blueprint=True)[f"/view/{SHARED_TIME}/TimeAxis"][0]
+    text = str(shared.column("TimeAxis:view_range")[0].as_py())
+    numbers = [abs(int(word)) for word in "".join(c if c.isdigit() else " " for c in text).split()]
+    assert any(118e9 < n < 123e9 for n in numbers), text
+
+
+def test_static_pictures_are_there(path):
+    entities = set(chunks(path))
+    for entity in ("/ship/deck", "/ship/imu", "/ship/path/curvature", "/ship/bent_line", "/track/line", "/summary",
+                   "/accuracy", "/deck/vertical/frame", "/spectra/density_x/frame", "/lanes/main_imu"):  # fmt: skip
+        assert entity in entities, entity
+
+
+def test_lanes_mark_the_gap(path):
+    batch = next(b for b in chunks(path)["/lanes/main_imu"] if "StateChange:state" in b.schema.names)
+    states = [row[0] for row in batch.column("StateChange:state").to_pylist()]
+    assert states == ["data", "gap", "data", ""]
+
+
+def test_rate_thins_everything(case, path, tmp_path):
+    thin = tmp_path / "thin.rrd"
+    write_recording(case.result, case.trial, case.truth, thin, rate=2.0)
+    times, _ = column(chunks(thin)["/deformation/estimate/x"], "Measurements:values")
+    assert 190 < len(times) < 240
+    assert thin.stat().st_size < 0.5 * path.stat().st_size
+
+
+def test_nothing_is_left_behind_when_writing_fails(case, tmp_path):
+    broken = replace(case.result, provenance=None)
+    with pytest.raises(AttributeError):
+        write_recording(broken, case.trial, case.truth, tmp_path / "run.rrd")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bare_trial_is_recorded_too(tmp_path):
+    bare = synthetic.case(duration=20.0, gap=None, with_phins=False, with_deck=False)
+    d = replace(
+        bare.result.deformation, innovations=None, covariance=np.full_like(bare.result.deformation.covariance, np.nan)
+    )
+    result = replace(bare.result, deformation=d, scores=(), warnings=())
+    path = tmp_path / "bare.rrd"
+    write_recording(result, replace(bare.trial, gnss=None), None, path)
+    assert "Deck shape" not in str(view_names(path))
+    assert len(column(chunks(path)["/deformation/estimate/x"], "Measurements:values")[0]) == len(d.stamp)
+
+
+def test_layout_is_the_same_for_the_same_result(case, path, tmp_path):
+    again = tmp_path / "again.rrd"
+    write_recording(case.result, case.trial, case.truth, again)
+    assert set(chunks(again, blueprint=True)) == set(chunks(path, blueprint=True))
+    assert [e.recording_id for e in RrdReader(again).recordings()] == [
+        e.recording_id for e in RrdReader(path).recordings()
+    ]
+
+
+@pytest.mark.slow
+def test_two_hours_at_full_rate_stay_small(tmp_path):
+    case = synthetic.case(duration=7200.0, rate=100.0)
+    path = tmp_path / "long.rrd"
+    write_recording(case.result, case.trial, case.truth, path)
+    assert path.stat().st_size < 150e6
