@@ -29,8 +29,9 @@ ITERATIONS = 10
 FLAT_ITERATIONS = 2  # first ones, weighted alike: the coarse error would spoil the spectrum
 SMOOTH_HZ = 0.012  # half-width of the spectrum's smoothing, and
 SMOOTH_BINS = 4  # at least so many bins
-SNR_USED = 4.0  # power of motion over power of residual from which a frequency counts
+SNR_USED = 6.0  # power of motion over power of residual from which a frequency counts
 CLIP_SIGMA = 5.0  # whitened residuals are clipped here (Huber)
+SPREAD_LEAST = 1.3  # scores' variance over the Hessian's, at least: taper (1.12), parameters fitted, spectrum fitted
 INFORMED_SHARE = 0.5  # of a direction's information that must not be noise
 PRIOR_ANGLE = 1.8  # rad, one sigma of an angle nothing is known of (uniform over a turn)
 PRIOR_DELAY = 0.7  # s, one sigma of such a delay (uniform over the search range)
@@ -116,7 +117,8 @@ def _normal(pair: Cells, rotation: FloatArray, nuisance: Nuisance | None, hold_d
     score_series = np.einsum("nap,na->np", white, _clipped(_back(residual * weight, size)))
     hessian = np.einsum("nap,naq->pq", white, white)
     noise = _noise_information(spectrum, used, pair.step, size, len(hessian), hold_delay)
-    return _Normal(hessian, hessian - noise, score_series.sum(axis=0), long_run_variance(score_series, pair.step))
+    spread = _not_below(long_run_variance(score_series, pair.step), hessian)
+    return _Normal(hessian, hessian - noise, score_series.sum(axis=0), spread)
 
 
 def _solve(normal: _Normal) -> tuple[FloatArray, FloatArray]:
@@ -132,6 +134,15 @@ def _solve(normal: _Normal) -> tuple[FloatArray, FloatArray]:
     covariance = scaled @ (basis[:, known].T @ normal.spread @ basis[:, known]) @ scaled.T
     covariance += (rest / np.einsum("pk,pq,qk->k", rest, prior, rest)) @ rest.T
     return step, covariance
+
+
+def _not_below(spread: FloatArray, hessian: FloatArray) -> FloatArray:
+    """The scores' variance, raised to SPREAD_LEAST of the Hessian wherever chance made it smaller (few bins)."""
+    scale = np.sqrt(np.diag(hessian)) + np.finfo(float).tiny
+    metric = hessian / np.outer(scale, scale) + 1e-9 * np.eye(len(hessian))
+    ratio, basis = linalg.eigh(spread / np.outer(scale, scale), metric)
+    back = scale[:, None] * (metric @ basis)
+    return (back * np.maximum(ratio, SPREAD_LEAST)) @ back.T
 
 
 def _with_aid(normal: _Normal, aid: tuple[FloatArray, FloatArray]) -> _Normal:

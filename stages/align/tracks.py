@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -86,11 +87,11 @@ def tracks(series: ImuSeries, epoch: int, channel: str) -> tuple[Track, ...]:
         raise DataError("too few finite gyro samples to align with", channel=channel)
     stamp, gyro = series.stamp[good], despiked(series.gyro[good])
     accel = np.nan_to_num(series.accel[good], posinf=0.0, neginf=0.0)
-    time = (stamp - epoch) * 1e-9
+    time: FloatArray = (stamp - epoch) * 1e-9
     intervals = np.diff(time)
     breaks = np.flatnonzero(intervals > max(GAP_BRIDGED, 3.0 * np.median(intervals))) + 1
     edges = np.concatenate(([0], breaks, [len(time)]))
-    long_enough = [(a, b) for a, b in zip(edges[:-1], edges[1:]) if b - a > SPIKE_WINDOW]
+    long_enough = [(a, b) for a, b in pairwise(edges) if b - a > SPIKE_WINDOW]
     return tuple(_track(time[a:b], gyro[a:b], accel[a:b], series.instantaneous) for a, b in long_enough)
 
 
@@ -139,7 +140,8 @@ def cells(spans: Sequence[Span], step: float, delay: float) -> Cells:
     """Mean rates of both units on the spans, the second read ``delay`` later (exactly, at any fraction)."""
     parts = [_segment(span, step, delay) for span in spans]
     index = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
-    return Cells(step, *(np.concatenate(column) for column in zip(*parts)), index)
+    time, first, second, slope, window = (np.concatenate(column) for column in zip(*parts))
+    return Cells(step, time, first, second, slope, window, index)
 
 
 def _segment(span: Span, step: float, delay: float) -> tuple[FloatArray, ...]:
