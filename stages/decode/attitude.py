@@ -83,8 +83,21 @@ def _declared_unavailable(table: Table, channel: ImuChannel) -> NDArray[np.bool_
 
 
 def _to_enu_hull(quaternion: FloatArray, convention: Attitude, R_hull_log: FloatArray) -> FloatArray:
-    """``R_enu_hull = R_enu_nav R_nav_log R_hull_log^T``."""
-    rotation = Rotation.from_quat(quaternion)
-    rotation = rotation.inv() if convention.inverse else rotation
+    """``R_enu_hull = R_enu_nav R_nav_log R_hull_log^T``: one linear map of the quaternions, since two are constant."""
     left = Rotation.from_matrix(R_ENU_NAV[convention.frame])
-    return (left * rotation * Rotation.from_matrix(R_hull_log).inv()).as_quat()
+    right = Rotation.from_matrix(R_hull_log).inv()
+    sign = np.array([-1.0, -1.0, -1.0, 1.0]) if convention.inverse else np.ones(4)
+    mapped = (quaternion * sign) @ (_left(left.as_quat()) @ _right(right.as_quat())).T
+    return np.asarray(mapped / np.linalg.norm(mapped, axis=1, keepdims=True))
+
+
+def _left(p: FloatArray) -> FloatArray:
+    """L (4, 4) of the product p q = L q, quaternions x, y, z, w."""
+    x, y, z, w = p
+    return np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
+
+
+def _right(p: FloatArray) -> FloatArray:
+    """R (4, 4) of the product q p = R q, quaternions x, y, z, w."""
+    x, y, z, w = p
+    return np.array([[w, z, -y, x], [-z, w, x, y], [y, -x, w, z], [-x, -y, -z, w]])

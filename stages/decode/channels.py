@@ -39,10 +39,11 @@ def imu(table: Table, channel: ImuChannel, instantaneous: bool, epoch: int | Non
     _enough(len(gyro), MIN_SAMPLES)
     settled = _settle(table, channel, epoch, gyro, accel)
     keep = settled.keep
-    gyro, accel = gyro[keep], accel[keep]
+    gyro, accel = _taken(gyro, keep), _taken(accel, keep)
     good, told = values.usable(settled.stamp, gyro, accel, epoch)
     _enough(int(np.count_nonzero(good)), MIN_SAMPLES)
-    gyro, accel = gyro[good], accel[good]
+    used = np.flatnonzero(good)
+    gyro, accel = _taken(gyro, used), _taken(accel, used)
     quaternion, about_attitude = _attitude(table, channel, keep[good])
     series = ImuSeries(settled.stamp[good], gyro, accel, quaternion, instantaneous)
     return series, settled.notes + told + about_attitude + values.remarks(series.stamp, gyro, accel)
@@ -56,7 +57,7 @@ def phins(table: Table, channel: ImuChannel, instantaneous: bool, epoch: int | N
     quaternion, given = found
     _enough(int(np.count_nonzero(given)), MIN_SAMPLES)
     settled = _settle(table, channel, epoch, quaternion)
-    stuck = values.frozen(settled.stamp, quaternion[settled.keep])
+    stuck = values.frozen(settled.stamp, _taken(quaternion, settled.keep))
     good = given[settled.keep] & ~stuck
     if np.count_nonzero(stuck) > values.BAD_SHARE * len(stuck):
         raise DataError("its attitude is frozen: the unit is dead")
@@ -67,7 +68,8 @@ def phins(table: Table, channel: ImuChannel, instantaneous: bool, epoch: int | N
         table, channel, "linear_acceleration", channel.accel_signs, ACCEL_UNIT[channel.accel_unit]
     )
     told = values.counted(~good, settled.stamp, epoch, "without a living attitude left out")
-    series = ImuSeries(settled.stamp[good], gyro[keep], accel[keep], quaternion[keep], instantaneous)
+    gyro, accel, quaternion = _taken(gyro, keep), _taken(accel, keep), _taken(quaternion, keep)
+    series = ImuSeries(settled.stamp[good], gyro, accel, quaternion, instantaneous)
     return series, settled.notes + told + no_gyro + no_accel
 
 
@@ -83,10 +85,10 @@ def gnss(table: Table, channel: Channel, epoch: int | None = None) -> tuple[Gnss
     if columns.has(table, channel, "status"):
         fixed &= columns.scalar(table, channel, "status") >= 0
     settled = _settle(table, channel, epoch, position)
-    good = np.asarray(fixed[settled.keep])
+    good: np.ndarray = np.asarray(fixed)[settled.keep]
     _enough(int(np.count_nonzero(good)), 1)
     keep = settled.keep[good]
-    told = values.counted(np.logical_not(good), settled.stamp, epoch, "without a fix left out")
+    told = values.counted(~good, settled.stamp, epoch, "without a fix left out")
     latitude, longitude, altitude = position[keep].T.copy()
     covariance = _position_covariance(table, channel)[keep]
     series = GnssSeries(settled.stamp[good], latitude * DEG, longitude * DEG, altitude, covariance)
@@ -103,7 +105,7 @@ def odometry(table: Table, channel: BodyChannel, epoch: int | None = None) -> tu
         velocity = columns.vector(table, channel, "velocity")[settled.keep] @ R_hull_log.T
     else:
         velocity = np.full_like(position, np.nan)
-    finite = np.isfinite(position).all(axis=1)
+    finite = np.asarray(np.isfinite(position).all(axis=1))
     told = values.counted(~finite, stamp, epoch, "that are not finite left out")
     stamp, position, velocity = stamp[finite], position[finite], velocity[finite]
     _enough(len(stamp), MIN_SAMPLES)
@@ -144,6 +146,12 @@ def _settle(table: Table, channel: Channel, epoch: int | None, *data: FloatArray
     return stamps.settle(columns.stamps(table, channel), np.asarray(table.log_time, dtype=np.int64), same, epoch)
 
 
+def _taken(rows: FloatArray, keep: IntArray) -> FloatArray:
+    """rows[keep], without a copy where that is all of them in order (the usual case, and the arrays are large)."""
+    whole = len(keep) == len(rows) and bool((keep == np.arange(len(rows))).all())
+    return rows if whole else rows[keep]
+
+
 def _in_hull(table: Table, channel: ImuChannel, field: str, signs: tuple[int, int, int], unit: float) -> FloatArray:
     """A vector field in hull axes and SI: R_hull_log diag(signs) v unit."""
     log = columns.vector(table, channel, field)
@@ -171,7 +179,7 @@ def _attitude(table: Table, channel: ImuChannel, keep: IntArray) -> tuple[FloatA
     found = attitude.attitude(table, channel)
     if found is None:
         return None, ()
-    quaternion, given = found[0][keep], found[1][keep]
+    quaternion, given = _taken(found[0], keep), found[1][keep]
     if (quaternion == quaternion[0]).all():
         return None, ()
     if not given.all():

@@ -56,8 +56,8 @@ class Settled:
 
 def facts(stamp: IntArray) -> StampFacts:
     """Rate, jitter, gaps, duplicates and disorder of stamps in the order they were written."""
-    ordered = np.unique(stamp)
     step = np.diff(stamp)
+    ordered = stamp if (step > 0).all() else _distinct_sorted(stamp)
     duplicates = len(stamp) - len(ordered)
     disorder = int(np.count_nonzero(step < 0))
     if len(ordered) < 2:
@@ -76,6 +76,11 @@ def facts(stamp: IntArray) -> StampFacts:
         duplicates=duplicates,
         out_of_order=disorder,
     )
+
+
+def _distinct_sorted(stamp: IntArray) -> IntArray:
+    ordered = np.sort(stamp)
+    return ordered[np.diff(ordered, prepend=ordered[:1] - 1) > 0]
 
 
 def settle(stamp: IntArray, log_time: IntArray, same: Same, epoch: int | None = None) -> Settled:
