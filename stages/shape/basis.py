@@ -10,7 +10,8 @@ from scipy.sparse import csr_array
 
 from schemas.rig import FloatArray
 
-INTERVALS = 100  # knot intervals along the path
+KNOT = 1.0  # m between knots, unless the path would need more than MOST or fewer than FEWEST intervals
+FEWEST, MOST = 20, 100
 LEVEL_STD = 1e-2  # rad/m: a curvature beyond any deck, keeps the prior proper
 SHARE_KNOTS = 6  # hats along the path
 SHARE_STD = 1.0  # of the flexure's share
@@ -24,19 +25,24 @@ class CurveBasis:
     high: float
 
     @property
+    def intervals(self) -> int:
+        """Number of knot intervals."""
+        return int(np.clip(round((self.high - self.low) / KNOT), FEWEST, MOST))
+
+    @property
     def step(self) -> float:
         """Knot spacing, m."""
-        return (self.high - self.low) / INTERVALS
+        return (self.high - self.low) / self.intervals
 
     @property
     def knots(self) -> FloatArray:
-        """(INTERVALS + 7,) m."""
-        return self.low + self.step * np.arange(-3, INTERVALS + 4)
+        """(intervals + 7,) m."""
+        return np.asarray(self.low + self.step * np.arange(-3, self.intervals + 4), dtype=np.float64)
 
     @property
     def size(self) -> int:
         """Number of splines."""
-        return INTERVALS + 3
+        return self.intervals + 3
 
     def matrix(self, s: FloatArray) -> csr_array:
         """Values (n, size) of the splines at arc lengths s (n,)."""
@@ -63,7 +69,7 @@ class CurveBasis:
 
         Decks bend most at their edges, so each end has its own intensity, dying away over the same length l.
         """
-        s = self.low + self.step * np.arange(INTERVALS + 1)
+        s = self.low + self.step * np.arange(self.intervals + 1)
         q0, q1, q2, length = np.asarray(smooth)
         inward, outward = s - self.low, self.high - s
         scale = np.exp(length)
@@ -87,6 +93,12 @@ class ShareBasis:
         width = (self.high - self.low) / (SHARE_KNOTS - 1)
         inside = np.clip(s, self.low, self.high)
         return np.asarray(np.maximum(0.0, 1.0 - np.abs(inside[:, None] - self.knots) / width))
+
+    def slope(self, share: FloatArray, s: FloatArray) -> FloatArray:
+        """Slope (n,) 1/m at s (n,) of the share with values (knots,), over one hat's width."""
+        half = 0.5 * (self.knots[1] - self.knots[0])
+        a, b = np.clip(s - half, self.low, self.high), np.clip(s + half, self.low, self.high)
+        return np.asarray((np.interp(b, self.knots, share) - np.interp(a, self.knots, share)) / (b - a))
 
     def precision(self, log_wiggle: float) -> FloatArray:
         """Prior precision: second differences of std exp(log_wiggle), level of std ``SHARE_STD``."""

@@ -36,12 +36,11 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns of X: curvature splines, share of flexure (none without theta), 3 rates, delay, bias, offset of theta."""
+    """Columns of X: curvature splines, share of flexure (none without theta), 3 rates, delay, bias."""
 
     curve: CurveBasis
     share: ShareBasis | None
     bias_std: float
-    offset_std: FloatArray
 
     @property
     def shares(self) -> slice:
@@ -51,7 +50,7 @@ class Layout:
     @property
     def size(self) -> int:
         """Number of columns."""
-        return self.shares.stop + 6
+        return self.shares.stop + 5
 
     def precision(self, axis: int, prior: FloatArray) -> FloatArray:
         """Prior precision (size, size); prior: logs of q0, q1, q2, l of the curve and of the share's wiggle."""
@@ -62,15 +61,16 @@ class Layout:
         turn = np.full(3, ROTATION_STD)
         turn[axis] = SCALE_STD
         rest = np.arange(self.shares.stop, self.size)
-        P[rest, rest] = np.concatenate([turn, [DELAY_STD, self.bias_std, self.offset_std[axis]]]) ** -2.0
+        P[rest, rest] = np.concatenate([turn, [DELAY_STD, self.bias_std]]) ** -2.0
         return P
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Block means of all three axes. y: (n, 3) rad/s. curve: (n, size). share: (3, n, knots). rate, slope: (n, 3).
+    """Block means of all three axes.
 
-    offset: (n, 3), rate of the share itself: what a constant error of theta would put into y. t: (n,) s. count: (n,) samples. run: (n,). good: (samples,) those that went in.
+    y: (n, 3) rad/s. curve: (n, size). share: (3, n, knots). rate, slope: (n, 3). t: (n,) s. count: (n,) samples.
+    run: (n,) index. good: (samples,) those that went in.
     """
 
     y: FloatArray
@@ -78,7 +78,6 @@ class Rows:
     share: FloatArray
     rate: FloatArray
     slope: FloatArray
-    offset: FloatArray
     t: FloatArray
     count: FloatArray
     run: IntArray
@@ -86,8 +85,7 @@ class Rows:
 
     def axis(self, i: int) -> list[Run]:
         """Regression of axis i, one piece a run."""
-        rest = [-self.slope[:, i], np.ones(len(self.t)), self.offset[:, i]]
-        X = np.column_stack([self.curve, self.share[i], self.rate, *rest])
+        X = np.column_stack([self.curve, self.share[i], self.rate, -self.slope[:, i], np.ones(len(self.t))])
         cuts = np.flatnonzero(np.diff(self.run)) + 1
         pieces = np.split(np.arange(len(self.t)), cuts)
         return [Run(self.y[p, i], X[p], self.t[p], self.count[p]) for p in pieces]
@@ -104,7 +102,9 @@ def rows(sled: Sled, main: Reference, bent: Flexure | None, layout: Layout, stat
     w_m = main.mean(begin, end)
     apart = sled.unit.rate @ state.R_m_c.T - w_m
     good = main.covered(begin, end) & ~hampel(apart).any(axis=1)
-    share, angle, offset = _share(sled, bent, layout, state)
+    if bent is not None:
+        good &= bent.covered(begin, end)
+    share, angle = _share(sled, bent, layout, state)
     angle = angle + layout.curve.turned(state.curvature, sled.s)
     mean, which = _blocks(sled, good)
     curve = layout.curve.matrix(sled.s) * sled.speed[:, None]
@@ -114,7 +114,6 @@ def rows(sled: Sled, main: Reference, bent: Flexure | None, layout: Layout, stat
         share=np.stack([mean @ part for part in share]),
         rate=mean @ w_m,
         slope=mean @ main.slope(begin, end),
-        offset=mean @ offset,
         t=mean @ sled.unit.end,
         count=np.diff(mean.indptr).astype(float),
         run=which,
@@ -122,20 +121,17 @@ def rows(sled: Sled, main: Reference, bent: Flexure | None, layout: Layout, stat
     )
 
 
-def _share(
-    sled: Sled, bent: Flexure | None, layout: Layout, state: Calibration
-) -> tuple[list[FloatArray], FloatArray, FloatArray]:
-    """Mean rate of each hat times theta, per axis (n, knots); flexure angle and rate of the share found so far (n, 3)."""
+def _share(sled: Sled, bent: Flexure | None, layout: Layout, state: Calibration) -> tuple[list[FloatArray], FloatArray]:
+    """Per axis, mean rate of each hat times theta (n, knots); flexure angle (n, 3) at the sled so far."""
     n = len(sled.stamp)
     if bent is None or layout.share is None:
-        return [np.zeros((n, 0))] * 3, np.zeros((n, 3)), np.zeros((n, 3))
+        return [np.zeros((n, 0))] * 3, np.zeros((n, 3))
     u = sled.unit
-    theta0, theta1 = bent.angle(u.begin), bent.angle(u.end)
+    theta0, theta1 = bent.angle(u.begin - state.delay), bent.angle(u.end - state.delay)
     hats0, hats1 = layout.share.matrix(sled.s0), layout.share.matrix(sled.s1)
     length = (u.end - u.begin)[:, None]
     share = [(hats1 * theta1[:, i, None] - hats0 * theta0[:, i, None]) / length for i in range(3)]
-    angle = 0.5 * (hats0 + hats1) @ state.share * 0.5 * (theta0 + theta1)
-    return share, angle, (hats1 - hats0) @ state.share / length
+    return share, 0.5 * (hats0 + hats1) @ state.share * 0.5 * (theta0 + theta1)
 
 
 def _blocks(sled: Sled, good: BoolArray) -> tuple[csr_array, IntArray]:

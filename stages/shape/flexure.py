@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -15,6 +16,8 @@ from stages.shape.rates import GAP, Reference, aligned, mended, unit
 
 DRIFT = 600.0  # s between changes of the sub-IMU's bias in the angle integrated from rates alone
 PICARD_STEPS = 5
+ANGLE_STD, DELAY_STD = 2e-2, 0.05  # rad, s: left after Wahba
+FLEXURE_SAMPLES = 100.0  # correlated samples of flexure that count as one, of every tenth
 BATCH = 30.0  # s: longer than flexure remembers
 
 
@@ -26,8 +29,9 @@ class Flexure:
     angle: CubicSpline
     gaps: FloatArray
     source: str
+    detrended: bool = False
 
-    @property
+    @cached_property
     def offset_std(self) -> FloatArray:
         """(3,) rad: how well a constant in theta is told from the static angle, by means over batches of ``BATCH``.
 
@@ -36,7 +40,9 @@ class Flexure:
         theta = self.angle(self.t)
         count = max(2, int((self.t[-1] - self.t[0]) / BATCH))
         means = np.stack([part.mean(axis=0) for part in np.array_split(theta, count)])
-        return np.asarray(np.maximum(means.std(axis=0, ddof=1) / np.sqrt(count), 1e-9))
+        # a fitted trend is twice as uncertain at its ends as the mean is
+        widened = 2.0 if self.detrended else 1.0
+        return np.asarray(np.maximum(widened * means.std(axis=0, ddof=1) / np.sqrt(count), 1e-9))
 
     def covered(self, begin: FloatArray, end: FloatArray) -> BoolArray:
         """Whether theta is known throughout [begin, end]."""
@@ -53,7 +59,8 @@ def flexure(trial: Trial, main: Reference, deformation: Deformation | None) -> F
         t, theta = from_rates(trial, main)
     except DataError:
         return None
-    return _curve(t, theta, "the sub-IMU's rates")
+    curve = _curve(t, theta, "the sub-IMU's rates")
+    return curve and replace(curve, detrended=True)
 
 
 def from_rates(trial: Trial, main: Reference) -> tuple[FloatArray, FloatArray]:
@@ -77,7 +84,9 @@ def from_rates(trial: Trial, main: Reference) -> tuple[FloatArray, FloatArray]:
     for _ in range(PICARD_STEPS):
         middle = 0.5 * (theta + np.vstack([theta[:1], theta[:-1]]))
         theta = np.cumsum((apart - np.cross(w_m, middle)) * step, axis=0)
-        theta = np.stack([_detrended(theta[:, i], [turned, w_m[:, i, None], drift]) for i in range(3)], axis=-1)
+        theta = np.stack(
+            [_detrended(theta[:, i], drift, np.column_stack([turned, w_m[:, i]])) for i in range(3)], axis=-1
+        )
     return end, theta
 
 
@@ -88,10 +97,17 @@ def _hats(t: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(count))))
 
 
-def _detrended(x: FloatArray, columns: list[FloatArray]) -> FloatArray:
-    """x (n,) without its least-squares fit by the columns, found from every tenth sample."""
-    X = np.column_stack(columns)
-    return np.asarray(x - X @ np.linalg.lstsq(X[::10], x[::10], rcond=None)[0])
+def _detrended(x: FloatArray, drift: FloatArray, small: FloatArray) -> FloatArray:
+    """x (n,) without its least-squares fit by drift (n, k) and small (n, 4), the latter's coefficients being small.
+
+    The prior on the three angles and the delay keeps a calm ship from lending its motion to the flexure.
+    """
+    X, some = np.column_stack([drift, small]), slice(None, None, 10)
+    free = x[some] - drift[some] @ np.linalg.lstsq(drift[some], x[some], rcond=None)[0]
+    weight = 1.0 / (np.var(free) * FLEXURE_SAMPLES + 1e-18)
+    prior = np.concatenate([np.full(drift.shape[1], 1e-9), [ANGLE_STD**-2] * 3, [DELAY_STD**-2]])
+    normal = weight * X[some].T @ X[some] + np.diag(prior)
+    return np.asarray(x - X @ np.linalg.solve(normal, weight * X[some].T @ x[some]))
 
 
 def _curve(t: FloatArray, theta: FloatArray, source: str) -> Flexure | None:

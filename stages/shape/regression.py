@@ -2,8 +2,8 @@
 
     y = X beta + e,   beta ~ N(0, P^-1),   e ~ N(0, C),   C block-diagonal over runs
 
-with, within a run, C_ij = (r/n_i) delta_ij + sigma_b^2 + g^2 (1 - b tau) exp(-b tau), tau = |t_i - t_j|: white noise of a
-mean of n_i samples, the run's own gyro bias, and the rate of a second-order critically damped Gauss-Markov flexure
+with, within a run, C_ij = (r/n_i) delta_ij + sigma_b^2 + g^2 (1 - b tau) exp(-b tau), tau = |t_i - t_j|: white noise of
+a mean of n_i samples, the run's own gyro bias, and the rate of a second-order critically damped Gauss-Markov flexure
 (std sigma, inverse time b, g = b sigma) that nothing in X explains. Noise and prior parameters maximise the marginal
 likelihood (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, ch. 5) times weak priors.
 """
@@ -18,6 +18,8 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import minimize
 
 from schemas.rig import FloatArray
+
+NOISE_CALLS, PRIOR_CALLS = 50, 100  # evaluations of the likelihood in one search
 
 Precision = Callable[[FloatArray], FloatArray]
 
@@ -139,11 +141,17 @@ def maximise(
     """
     x, z = start
     for _ in range(rounds):
-        fixed = precision(z)
-        x = _search(lambda a, P=fixed: noise.cost(a) - _evidence(runs, a, P), x, noise, 60)
-        n = total(runs, x)
-        z = _search(lambda a, n=n: prior.cost(a) - _safe(n, precision(a)), z, prior, 250)
+        x = _best_noise(runs, precision(z), noise, x)
+        z = _best_prior(total(runs, x), precision, prior, z)
     return x, z
+
+
+def _best_noise(runs: Sequence[Run], P: FloatArray, noise: Guess, start: FloatArray) -> FloatArray:
+    return _search(lambda x: noise.cost(x) - _evidence(runs, x, P), start, noise, NOISE_CALLS)
+
+
+def _best_prior(n: Normal, precision: Precision, prior: Guess, start: FloatArray) -> FloatArray:
+    return _search(lambda z: prior.cost(z) - _safe(n, precision(z)), start, prior, PRIOR_CALLS)
 
 
 def _search(cost: Callable[[FloatArray], float], start: FloatArray, guess: Guess, calls: int) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.ndimage import median_filter
 
@@ -18,7 +20,7 @@ def spread(x: FloatArray, block: int = SPREAD_BLOCK) -> FloatArray:
     n = len(x)
     count = max(1, n // block)
     bounds = np.linspace(0, n, count + 1).astype(int)
-    levels = np.stack([np.median(np.abs(x[a:b]), axis=0) for a, b in zip(bounds[:-1], bounds[1:])])
+    levels = np.stack([np.median(np.abs(x[a:b]), axis=0) for a, b in pairwise(bounds)])
     return np.asarray(1.4826 * np.repeat(levels, np.diff(bounds), axis=0))
 
 

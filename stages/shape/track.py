@@ -14,6 +14,7 @@ from schemas.rig import FloatArray
 from schemas.trial import OdometrySeries
 from stages.shape.robust import hampel, spread
 
+FEWEST = 10  # positions
 ODOMETRY_GAP = 0.5  # s: a longer hole in the odometry is not bridged
 ACCELERATION_PSD = 10.0  # (m/s^2)^2/Hz: how freely the sled may change its speed
 MOVING_SHARE = 0.05  # of the cruising speed: below it the sled stands
@@ -98,17 +99,16 @@ def track(odometry: OdometrySeries, seconds: FloatArray) -> Track:
 
 
 def _usable(odometry: OdometrySeries, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    position, velocity = odometry.position, odometry.velocity
-    if len(t) < 10:
-        raise DataError(f"the sled's odometry holds {len(t)} samples, too few for a run")
-    missing = ~np.isfinite(velocity).all(axis=1) | (not np.any(np.nan_to_num(velocity)))
-    velocity = np.where(missing[:, None], np.nan, velocity)
-    finite = np.isfinite(position).all(axis=1)
-    wild = hampel(np.where(finite[:, None], position, 0.0)).any(axis=1)
-    keep = finite & ~wild
-    if keep.sum() < 10:
-        raise DataError("the sled's odometry has no usable positions")
-    velocity = np.where(hampel(np.nan_to_num(velocity)).any(axis=1)[:, None], np.nan, velocity)
+    """Times, positions and velocities (NaN where unknown) without rows that are missing or off their local spread."""
+    finite = np.isfinite(odometry.position).all(axis=1)
+    t, position, velocity = t[finite], odometry.position[finite], odometry.velocity[finite]
+    if len(t) < FEWEST:
+        raise DataError(f"the sled's odometry holds {len(t)} usable positions, too few for a run")
+    velocity = np.nan_to_num(velocity, nan=0.0, posinf=0.0, neginf=0.0)
+    known = np.asarray(np.isfinite(odometry.velocity[finite]).all(axis=1)) & bool(np.any(velocity))
+    known &= ~hampel(velocity).any(axis=1)
+    velocity = np.where(known[:, None], velocity, np.nan)
+    keep = np.asarray(~hampel(position).any(axis=1))
     return t[keep], position[keep], velocity[keep]
 
 

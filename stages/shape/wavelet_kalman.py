@@ -138,7 +138,7 @@ def by_run(function: Callable[[FloatArray], FloatArray], x: FloatArray, run: Int
 
 @dataclass(frozen=True)
 class Model:
-    """Per axis, angle and rate: transition (3, 2, 2), noise (3, 2, 2), variance of a measured rate (3,), input (3, 2)."""
+    """Angle and rate per axis: transition, noise (3, 2, 2), variance of a measured rate (3,), input (3, 2)."""
 
     transition: FloatArray
     noise: FloatArray
@@ -221,11 +221,12 @@ def _averaged(
     cells = np.stack([_cells(s, p.arc_length, p.curvature) for p in passes])
     single = np.stack([_cells(s, p.arc_length, p.std) for p in passes])
     count = np.maximum(1, np.isfinite(cells).sum(axis=0))
-    mean = _filled(s, np.nansum(cells, axis=0) / count, np.isfinite(cells).any(axis=0))
+    seen = np.asarray(np.isfinite(cells).any(axis=0))
+    mean = _filled(s, np.nansum(cells, axis=0) / count, seen)
     scatter = np.nansum((cells - mean) ** 2, axis=0) / np.maximum(count - 1, 1)
     model = np.nansum(single**2, axis=0) / count
     std = np.sqrt(np.where(count > 2, scatter, np.maximum(model, scatter)) / count)
-    std = _filled(s, std, np.isfinite(cells).any(axis=0))
+    std = _filled(s, std, seen)
     wanted = design_curve(design, s)
     notes = ("printed forms of equations (10), (20), (31) and (33)",) if as_printed else ()
     over = exceeds(mean, std, wanted, limit)
