@@ -303,10 +303,10 @@ def _with_aids(trial: Trial, world: World, streams: dict[str, np.random.Generato
 def _with_sled(trial: Trial, world: World, streams: dict[str, np.random.Generator]) -> Trial:
     """The trial with the sliding SINS and its odometry, if the twin has a deck."""
     deck, run = world.scene.twin.deck, world.scene.twin.run
-    runs = DeckPath(deck).records(run.duration) if deck is not None else []
-    if deck is None or not runs:
+    if deck is None or deck.start >= run.duration:
         return trial
-    parts = [_sled_run(world, DeckPath(deck), *record) for record in runs]
+    path = DeckPath(deck)
+    parts = [_sled_run(world, path, *record) for record in path.records(run.duration)]
     t, gyro, accel, position, velocity = (np.concatenate(column) for column in zip(*parts))
     series = _imu(world, "sliding", sensors.stamps(t, trial.epoch), gyro, accel, streams)
     every, rng = max(1, round(run.rate / deck.odometry_rate)), streams["odometry"]

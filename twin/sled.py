@@ -88,10 +88,11 @@ class DeckPath:
         s = np.linspace(0.0, self.deck.length, count)
         middle = 0.5 * (s[1:] + s[:-1])
         mean = (self.curvature(s[1:]) + 4.0 * self.curvature(middle) + self.curvature(s[:-1])) / 6.0
-        turns = quaternions.exp(mean * np.diff(s)[:, None])
-        q = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
-        for k, turn in enumerate(turns):
-            q[k + 1] = quaternions.multiply(turn, q[k])
+        q = np.concatenate([[[0.0, 0.0, 0.0, 1.0]], quaternions.exp(mean * np.diff(s)[:, None])])
+        reach = 1
+        while reach < count:  # running product of the turns, later ones on the left, by doubling
+            q[reach:] = quaternions.multiply(q[reach:], q[:-reach])
+            reach *= 2
         along = np.array([-np.sin(self.deck.angle * DEG), np.cos(self.deck.angle * DEG), 0.0])
         tangent = CubicSpline(s, quaternions.rotate(q, np.broadcast_to(along, (count, 3))))
         edge = np.array([0.0, 0.0, self.deck.height]) - along * self.deck.length

@@ -83,7 +83,7 @@ def test_lever_arm_force_is_the_second_difference_of_the_subs_place() -> None:
 
 @pytest.mark.parametrize(("cutoff", "limit"), [(0.5, 6e-6), (5.0, 2e-4)])
 def test_force_means_do_not_change_when_the_quadrature_is_refined(cutoff: float, limit: float) -> None:
-    """Here at 5 ms against 10 ms; what is left comes from theta'' being white (0.6 ug) and from the lever arm's band."""
+    """Here at 5 ms against 10 ms; what is left comes from theta'' being white (0.6 ug) and the lever arm's band."""
     twin = perfect(run={"duration": 10.0, "rate": 50.0}, flexure=LIVELY, mount={"lever_bandwidth": cutoff})
     world = world_of(twin)
     every = world.per_sample
