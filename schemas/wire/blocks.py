@@ -11,6 +11,7 @@ from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from schemas.wire.cdr import gather
 from schemas.wire.container import Block, File
 from schemas.wire.records import (
     FRAME,
@@ -24,12 +25,12 @@ from schemas.wire.records import (
     decompress_available,
     decompress_into,
     frames,
-    message_heads,
     parse_record,
 )
 
 Bytes = NDArray[np.uint8]
 Starts = NDArray[np.int64]
+_FRAME_DTYPE = np.dtype([("opcode", "u1"), ("size", "<u8")])
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ def _from_index(buffer: Bytes, start: int, size: int, offsets: Starts) -> Conten
     starts = offsets + start
     if len(starts) == 0 or starts[0] < start or starts[-1] > end - FRAME_SIZE - MESSAGE_BODY:
         return None
-    heads = message_heads(buffer[:end], starts)
+    heads = gather(buffer, starts, FRAME_SIZE).view(_FRAME_DTYPE)[:, 0]
     length = heads["size"]
     if (heads["opcode"] != Opcode.MESSAGE).any() or (length > size).any() or (length < MESSAGE_BODY).any():
         return None

@@ -21,7 +21,7 @@ from schemas.wire.definitions import full_name, parse
 from schemas.wire.records import FRAME_SIZE, MESSAGE_BODY, RecordError, message_heads, parse_record
 from schemas.wire.table import Attachment, ChannelInfo, Log, Table
 
-BATCH = 1 << 22  # bytes of messages taken at a time
+BATCH = 1 << 23  # bytes of messages taken at a time
 _PAYLOAD = FRAME_SIZE + MESSAGE_BODY
 Progress = Callable[[int, int], None]
 Sink = Callable[[mcap.Channel, mcap.Schema | None, Messages], None]
@@ -331,6 +331,14 @@ def make_decoder(channel: mcap.Channel, schema: mcap.Schema | None) -> MessageDe
     encoding = (channel.message_encoding, schema.encoding if schema is not None else "")
     if schema is not None and encoding == ("cdr", "ros2msg"):
         return CdrDecoder(Decoder(parse(schema.name, schema.data.decode("utf-8", errors="replace"))))
+    if schema is not None and encoding == ("protobuf", "protobuf"):
+        from schemas.wire.protobuf import ProtobufDecoder  # slow to import and rarely needed
+
+        return ProtobufDecoder(schema.name, schema.data)
+    if encoding[0] == "json" and encoding[1] in ("", "jsonschema"):
+        from schemas.wire.json_messages import JsonDecoder
+
+        return JsonDecoder()
     raise DataError(f"message encoding '{encoding[0]}' with schema encoding '{encoding[1]}' is not supported")
 
 
