@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from scipy.ndimage import median_filter
 
@@ -17,18 +15,19 @@ THRESHOLD = 5.0  # spreads
 
 def spread(x: FloatArray, block: int = SPREAD_BLOCK) -> FloatArray:
     """Local standard deviation (n, k) of x (n, k): 1.4826 median |x| over blocks of samples (x has median zero)."""
-    n = len(x)
-    count = max(1, n // block)
-    bounds = np.linspace(0, n, count + 1).astype(int)
-    levels = np.stack([np.median(np.abs(x[a:b]), axis=0) for a, b in pairwise(bounds)])
-    return np.asarray(1.4826 * np.repeat(levels, np.diff(bounds), axis=0))
+    n, size = len(x), min(block, max(1, len(x)))
+    count = max(1, n // size)
+    levels = np.median(np.abs(x[: count * size]).reshape(count, size, -1), axis=1)
+    which = np.minimum(np.arange(n) // size, count - 1)
+    return np.asarray(1.4826 * levels[which])
 
 
 def hampel(x: FloatArray, threshold: float = THRESHOLD) -> BoolArray:
     """Outliers (n, k) of x (n, k): further from the running median than threshold local spreads (Hampel 1974)."""
     if len(x) < WINDOW:
         return np.zeros(x.shape, dtype=bool)
-    off = x - median_filter(x, size=(WINDOW, 1), mode="nearest")
+    columns = np.ascontiguousarray(x.T)
+    off = x - np.stack([median_filter(column, size=WINDOW, mode="nearest") for column in columns], axis=-1)
     # On a steep slope the running median is the sample itself and its spread tells nothing; second differences do.
     scale = np.maximum(
         spread(off), spread(np.diff(np.pad(x, ((1, 1), (0, 0)), mode="edge"), n=2, axis=0)) / np.sqrt(6.0)
