@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from physics import quaternions
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -34,16 +36,25 @@ def bracket(stamp: IntArray, at: IntArray) -> tuple[IntArray, FloatArray, BoolAr
     return k.astype(np.int64), np.where(on_stamp, 0.0, fraction), on_stamp | inside
 
 
-def slerp(stamp: IntArray, rotation: Rotation, at: IntArray) -> tuple[Rotation, BoolArray]:
-    """``R(at) = R_k Exp(f Log(R_k^T R_k+1))`` for rotations (n,) at stamps (n,) ns.
+def slerp_quaternions(stamp: IntArray, attitude: FloatArray, at: IntArray) -> tuple[FloatArray, BoolArray]:
+    """``q(at) = q_k Exp(f Log(q_k^-1 q_k+1))`` for unit quaternions (n, 4) x, y, z, w at stamps (n,) ns.
 
-    Returns the rotations at the valid ones of ``at`` (m,) ns and the mask valid (m,): exact on a stamp, invalid
-    before the first, after the last and inside a gap.
+    Returns the quaternions (k, 4) at the valid ones of ``at`` (m,) ns and the mask valid (m,): exact on a stamp,
+    invalid before the first, after the last and inside a gap.
     """
     k, fraction, valid = bracket(stamp, at)
     k, fraction = k[valid], fraction[valid]
-    if not np.any(fraction):
-        return rotation[k], valid
-    start = rotation[k]
-    step = (start.inv() * rotation[np.minimum(k + 1, len(stamp) - 1)]).as_rotvec()
-    return start * Rotation.from_rotvec(step * fraction[:, None]), valid
+    start = attitude[k]
+    between = np.flatnonzero(fraction)
+    if not len(between):
+        return start, valid
+    following = attitude[np.minimum(k[between] + 1, len(stamp) - 1)]
+    step = quaternions.log(quaternions.multiply(quaternions.conjugate(start[between]), following))
+    start[between] = quaternions.multiply(start[between], quaternions.exp(step * fraction[between, None]))
+    return start, valid
+
+
+def slerp(stamp: IntArray, rotation: Rotation, at: IntArray) -> tuple[Rotation, BoolArray]:
+    """:func:`slerp_quaternions` for rotation objects."""
+    found, valid = slerp_quaternions(stamp, rotation.as_quat(), at)
+    return Rotation.from_quat(found), valid

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from physics.interpolation import GAP_FACTOR, slerp, usual_interval
+from physics import quaternions, rotations
+from physics.interpolation import GAP_FACTOR, slerp_quaternions, usual_interval
 from schemas.installation import main_installation
 from schemas.products import Deformation
 from schemas.rig import FloatArray
@@ -34,13 +34,13 @@ def deck_attitude(deformation: Deformation, trial: Trial) -> DeckAttitude:
     ``imu_main_start``: fixed in inertial space, m at the first stamp, carried on by the main gyro.
     """
     known = _attitude_of_main(deformation, trial)
-    frame, (stamp, R_f_m) = (ENU, known) if known is not None else (START, _gyro_attitude(deformation, trial.main))
-    main, valid = slerp(stamp, R_f_m, deformation.stamp)
-    R_f_s = main * Rotation.from_rotvec(deformation.total[valid])
-    return DeckAttitude(deformation.stamp[valid], R_f_s.as_quat(), frame)
+    frame, (stamp, q_f_m) = (ENU, known) if known is not None else (START, _gyro_attitude(deformation, trial.main))
+    main, valid = slerp_quaternions(stamp, q_f_m, deformation.stamp)
+    q_f_s = quaternions.multiply(main, quaternions.exp(deformation.total[valid]))
+    return DeckAttitude(deformation.stamp[valid], q_f_s, frame)
 
 
-def _attitude_of_main(deformation: Deformation, trial: Trial) -> tuple[IntArray, Rotation] | None:
+def _attitude_of_main(deformation: Deformation, trial: Trial) -> tuple[IntArray, FloatArray] | None:
     """Stamps and ``R_n_m``; None where the log has none."""
     own = _samples(trial.main)
     if own is not None:
@@ -49,18 +49,20 @@ def _attitude_of_main(deformation: Deformation, trial: Trial) -> tuple[IntArray,
     mount = main_installation(trial.rig, deformation.alignment)
     if phins is None or mount is None:
         return None
-    return phins[0], phins[1] * Rotation.from_matrix(mount[0]).inv()
+    return phins[0], quaternions.multiply(phins[1], quaternions.conjugate(quaternions.exp(rotations.log(mount[0]))))
 
 
-def _samples(series: ImuSeries | None) -> tuple[IntArray, Rotation] | None:
+def _samples(series: ImuSeries | None) -> tuple[IntArray, FloatArray] | None:
     if series is None or series.attitude is None:
         return None
     norm = np.linalg.norm(series.attitude, axis=1)
     good = np.isfinite(norm) & (norm > 0.5)
-    return (series.stamp[good], Rotation.from_quat(series.attitude[good])) if good.sum() > 1 else None
+    if good.sum() < 2:
+        return None
+    return series.stamp[good], series.attitude[good] / norm[good, None]
 
 
-def _gyro_attitude(deformation: Deformation, main: ImuSeries) -> tuple[IntArray, Rotation]:
+def _gyro_attitude(deformation: Deformation, main: ImuSeries) -> tuple[IntArray, FloatArray]:
     """``R_m(t0)_m = prod Exp(omega_k dt_k)`` at the main IMU's stamps from t0, the estimate's first, onwards.
 
     Across a gap the rate is the mean of the last sample before it and the first after.
@@ -72,21 +74,23 @@ def _gyro_attitude(deformation: Deformation, main: ImuSeries) -> tuple[IntArray,
     gaps = np.flatnonzero(dt > GAP_FACTOR * usual_interval(stamp) * 1e-9)
     rate[gaps] = 0.5 * (gyro[gaps] + gyro[gaps + 1])
     steps = np.vstack([np.zeros((1, 3)), rate * dt[:, None]])
-    return stamp, running_product(Rotation.from_rotvec(steps))
+    return stamp, running_product(quaternions.exp(steps))
 
 
-def running_product(steps: Rotation) -> Rotation:
-    """``out[k] = steps[0] steps[1] ... steps[k]``, in blocks of sqrt(n) so that the loops stay short."""
+def running_product(steps: FloatArray) -> FloatArray:
+    """``out[k] = steps[0] steps[1] ... steps[k]`` of quaternions (n, 4), in blocks of sqrt(n) to keep loops short."""
     n = len(steps)
     width = int(np.ceil(np.sqrt(n)))
-    padded = np.zeros((width * width, 4))
-    padded[:, 3] = 1.0
-    padded[:n] = steps.as_quat()
+    padded = np.tile([0.0, 0.0, 0.0, 1.0], (width * width, 1))
+    padded[:n] = steps
     blocks = padded.reshape(width, width, 4)
     for j in range(1, width):
-        blocks[:, j] = (Rotation.from_quat(blocks[:, j - 1]) * Rotation.from_quat(blocks[:, j])).as_quat()
-    starts = [Rotation.identity()]
-    for block in blocks[:-1, -1]:
-        starts.append(starts[-1] * Rotation.from_quat(block))
-    before = np.repeat(Rotation.concatenate(starts).as_quat(), width, axis=0)
-    return Rotation.from_quat(before[:n]) * Rotation.from_quat(blocks.reshape(-1, 4)[:n])
+        blocks[:, j] = _unit(quaternions.multiply(blocks[:, j - 1], blocks[:, j]))
+    starts = np.tile([0.0, 0.0, 0.0, 1.0], (width, 1, 1))
+    for j in range(1, width):
+        starts[j] = _unit(quaternions.multiply(starts[j - 1], blocks[j - 1, -1]))
+    return quaternions.multiply(starts, blocks).reshape(-1, 4)[:n]
+
+
+def _unit(q: FloatArray) -> FloatArray:
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import Any
 
 from schemas.products import Result
@@ -44,7 +45,7 @@ def _triple(values: list[float | None] | None) -> list[str]:
 
 
 def _headline(s: dict[str, Any]) -> str:
-    log = s["log"] or "trial"
+    log = PurePath(s["log"]).name or "trial"
     lines = [f"## {log}", f"{s['estimator']} on {duration(s['duration_s'])}, {s['samples']} samples."]
     for score in s["details"]["scores"]:
         worst = max(score["rmse_arcmin"])

@@ -29,7 +29,7 @@ def write_recording(result: Result, trial: Trial, truth: Truth | None, path: Pat
 
 
 def _write(scene: Scene, path: Path) -> None:
-    name = f"{scene.trial.source} {scene.deformation.estimator}"
+    name = f"{Path(scene.trial.source).name} {scene.deformation.estimator}"
     recording = open_recording(path, blueprint(scene), name)
     recording.send_recording_name(name)
     overview.log(recording, scene)

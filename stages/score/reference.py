@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from physics.interpolation import BoolArray, slerp, usual_interval
+from physics import quaternions, rotations
+from physics.interpolation import BoolArray, slerp_quaternions, usual_interval
 from schemas.installation import main_installation, sub_installation
 from schemas.products import Alignment
 from schemas.rig import FloatArray
@@ -18,12 +18,12 @@ from schemas.trial import ImuSeries, IntArray, Trial, Truth
 class Reference:
     """Another source's ``R_m_s``, where it has one.
 
-    rotation: (k,) at the times where valid (n,) is true. interval: s between its own samples. constant_std: (3,)
-    rad, uncertainty of a constant part of it (installation), m-axes.
+    rotation: (k, 4) quaternions at the times where valid (n,) is true. interval: s between its own samples.
+    constant_std: (3,) rad, uncertainty of a constant part of it (installation), m-axes.
     """
 
     name: str
-    rotation: Rotation
+    rotation: FloatArray
     valid: BoolArray
     interval: float
     constant_std: FloatArray
@@ -35,7 +35,7 @@ def truth_reference(truth: Truth, at: IntArray) -> Reference | None:
     if not good.any():
         return None
     stamp = truth.stamp[good]
-    rotation, valid = slerp(stamp, Rotation.from_rotvec(truth.total[good]), at)
+    rotation, valid = slerp_quaternions(stamp, quaternions.exp(truth.total[good]), at)
     return Reference("truth", rotation, valid, usual_interval(stamp) * 1e-9, np.zeros(3))
 
 
@@ -52,18 +52,25 @@ def phins_reference(trial: Trial, alignment: Alignment, at: IntArray) -> tuple[R
     main, sub = main_installation(trial.rig, alignment), sub_installation(trial.rig, alignment)
     if main is None or sub is None:
         return None, "not scored against PHINS: the installation of a PHINS on its IMU is neither stated nor observable"
-    (R_n_pm, main_ok), (R_n_ps, sub_ok) = slerp(*units[0], at), slerp(*units[1], at)
+    (n_pm, main_ok), (n_ps, sub_ok) = slerp_quaternions(*units[0], at), slerp_quaternions(*units[1], at)
     both = main_ok & sub_ok
-    R_pm_ps = R_n_pm[both[main_ok]].inv() * R_n_ps[both[sub_ok]]
-    rotation = Rotation.from_matrix(main[0]) * R_pm_ps * Rotation.from_matrix(sub[0]).inv()
+    pm_ps = quaternions.multiply(quaternions.conjugate(n_pm[both[main_ok]]), n_ps[both[sub_ok]])
+    m_ps = quaternions.multiply(_quaternion(main[0]), pm_ps)
+    rotation = quaternions.multiply(m_ps, quaternions.conjugate(_quaternion(sub[0])))
     interval = max(usual_interval(unit[0]) for unit in units if unit is not None) * 1e-9
     return Reference("phins", rotation, both, interval, np.hypot(main[1], sub[1])), ""
 
 
-def _attitude(series: ImuSeries | None) -> tuple[IntArray, Rotation] | None:
-    """Stamps and ``R_n_p`` of the samples that have an attitude; None when there are fewer than two."""
+def _attitude(series: ImuSeries | None) -> tuple[IntArray, FloatArray] | None:
+    """Stamps and quaternions of ``R_n_p`` of the samples that have an attitude; None when fewer than two do."""
     if series is None or series.attitude is None:
         return None
     norm = np.linalg.norm(series.attitude, axis=1)
     good = np.isfinite(norm) & (norm > 0.5)
-    return (series.stamp[good], Rotation.from_quat(series.attitude[good])) if good.sum() > 1 else None
+    if good.sum() < 2:
+        return None
+    return series.stamp[good], series.attitude[good] / norm[good, None]
+
+
+def _quaternion(matrix: FloatArray) -> FloatArray:
+    return quaternions.exp(rotations.log(matrix))

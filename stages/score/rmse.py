@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from physics import quaternions
+from physics.units import ARCMIN
 from schemas.products import Deformation, Score
 from schemas.rig import FloatArray
 from schemas.trial import Trial, Truth
 from stages.score.noise import reference_noise
 from stages.score.reference import Reference, phins_reference, truth_reference
+
+NOTED_STD = 0.25 * ARCMIN  # of a PHINS's installation, from which on the reader is told
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,7 @@ def score_all(deformation: Deformation, trial: Trial, truth: Truth | None) -> Sc
     phins, note = phins_reference(trial, deformation.alignment, deformation.stamp)
     references += [phins] if phins is not None else []
     notes += [note] if note else []
+    notes += [_installation_note(phins)] if phins is not None and phins.constant_std.max() > NOTED_STD else []
     scores = [_against(deformation, reference) for reference in references]
     for reference, result in zip(references, scores):
         if result is None:
@@ -48,10 +52,14 @@ def score_all(deformation: Deformation, trial: Trial, truth: Truth | None) -> Sc
     return Scoring(tuple(s for s in scores if s is not None), tuple(notes))
 
 
-def angular_error(total: FloatArray, reference: Rotation) -> FloatArray:
-    """``Log(Exp(total) R_ref^T)``, (n, 3) rad."""
-    error: FloatArray = (Rotation.from_rotvec(total) * reference.inv()).as_rotvec()
-    return error
+def _installation_note(phins: Reference) -> str:
+    std = " ".join(f"{value / ARCMIN:.2g}" for value in phins.constant_std)
+    return f"the error against PHINS holds a constant of its installation, known to {std} arcmin (x y z, 1 sigma) only"
+
+
+def angular_error(total: FloatArray, reference: FloatArray) -> FloatArray:
+    """``Log(Exp(total) R_ref^T)``, (n, 3) rad, of rotation vectors (n, 3) and quaternions (n, 4)."""
+    return quaternions.log(quaternions.multiply(quaternions.exp(total), quaternions.conjugate(reference)))
 
 
 def coverage(error: FloatArray, std: FloatArray) -> FloatArray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from scipy.spatial.transform import Rotation
 
+from physics import quaternions
 from physics.units import ARCMIN, DEG
 from schemas.products import Score
 from schemas.rig import FloatArray
@@ -95,7 +95,7 @@ def _log_reference(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
     every = stride(score.stamp, scene.rate)
     stamp, error = score.stamp[::every], score.error[::every]
     estimate = scene.deformation.total[np.searchsorted(scene.deformation.stamp, stamp)]
-    total = (Rotation.from_rotvec(error).inv() * Rotation.from_rotvec(estimate)).as_rotvec()
+    total = quaternions.log(quaternions.multiply(quaternions.exp(-error), quaternions.exp(estimate)))
     who, colour = REFERENCE_NAMES[score.reference], REFERENCE_COLOURS[score.reference]
     send_axes(rec, f"deformation/{score.reference}", stamp, scene.trial.epoch, total / ARCMIN, who, colour)
 

@@ -59,15 +59,20 @@ def outline(points: FloatArray) -> FloatArray:
     return np.array([*port, *starboard, port[0]])
 
 
+def aboard(scene: Scene) -> FloatArray:
+    """(n, 3) m, everything the deck must hold: both units and the sled's path."""
+    shape = scene.result.deck_shape
+    path = [shape.line] if shape is not None and len(shape.line) else []
+    return np.vstack([np.zeros((1, 3)), lever_arm(scene)[0][None], *path])
+
+
 def log(rec: rr.RecordingStream, scene: Scene) -> None:
     """Static ship, moving line."""
     lever, known = lever_arm(scene)
-    points = [np.zeros((1, 3)), lever[None]]
     if scene.result.deck_shape is not None and len(scene.result.deck_shape.line):
-        points.append(scene.result.deck_shape.line)
         _log_path(rec, scene.result.deck_shape)
     rec.log("ship", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    hull = outline(np.vstack(points))
+    hull = outline(aboard(scene))
     rec.log("ship/deck", rr.LineStrips3D([hull], colors=[DECK], radii=rr.Radius.ui_points(1.5)), static=True)
     _log_units(rec, scene, lever, known)
     _log_moving_line(rec, scene, lever)
@@ -119,7 +124,9 @@ def _log_path(rec: rr.RecordingStream, shape: DeckShape) -> None:
     )
     line = rr.LineStrips3D([bent], colors=[RED], radii=rr.Radius.ui_points(1.5))
     rec.log("ship/path/bent", line, static=True)
-    label = rr.Points3D([bent[-1]], labels=[f"path as bent, x{factor:g}"], colors=[RED], radii=0.01, show_labels=True)
+    label = rr.Points3D(
+        [bent[len(bent) // 3]], labels=[f"path as bent, x{factor:g}"], colors=[RED], radii=0.01, show_labels=True
+    )
     rec.log("ship/path/label", label, static=True)
 
 
@@ -155,15 +162,12 @@ def view(scene: Scene) -> rrb.Spatial3DView:
     name = f"Ship [m], flexure x{factor:g}"
     if scene.result.deck_shape is not None:
         name += ", path coloured by vertical curvature"
-    reach = float(np.linalg.norm(lever))
-    shape = scene.result.deck_shape
-    middle = 0.5 * lever
-    if shape is not None and len(shape.line):
-        reach = max(reach, float(np.linalg.norm(shape.line, axis=1).max()))
-        middle = 0.5 * (np.minimum(0, shape.line.min(0)) + np.maximum(lever, shape.line.max(0)))
+    hull = outline(aboard(scene))
+    low, high = hull.min(axis=0), hull.max(axis=0)
+    middle, reach = 0.5 * (low + high), float(high[1] - low[1])
     eye = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=middle + reach * np.array([0.85, -0.55, 0.65]),
+        position=middle + reach * np.array([0.62, -0.4, 0.5]),
         look_target=middle,
         eye_up=[0.0, 0.0, 1.0],
     )

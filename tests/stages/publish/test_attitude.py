@@ -18,7 +18,7 @@ def test_running_product_equals_the_obvious_loop():
     expected = [steps[0]]
     for k in range(1, len(steps)):
         expected.append(expected[-1] * steps[k])
-    error = (running_product(steps) * Rotation.concatenate(expected).inv()).magnitude()
+    error = (Rotation.from_quat(running_product(steps.as_quat())) * Rotation.concatenate(expected).inv()).magnitude()
     assert error.max() < 1e-14
 
 
