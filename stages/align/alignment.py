@@ -28,7 +28,7 @@ from stages.align.phases import static_phases
 from stages.align.tracks import SEGMENT_SHORTEST, Span, Track, shared_spans, tracks
 from stages.align.wahba import SEARCH_REACH, Coarse, rotation_between, search
 
-CELL_SHORTEST = 0.05  # s; rates are averaged over cells this long, ship motion is far slower
+CELL_SHORTEST = 0.1  # s; rates are averaged over cells this long, ship motion is far slower
 CORRELATION_LEAST = 0.3  # share of common motion below which nothing is aligned
 RATE_MOVING = 0.1 * DEG  # rad/s rms; a unit that shows more is moving and not merely noisy
 ANGLE_ESTIMATED = 10.0 * ARCMIN  # rad, largest standard deviation (principal axis) of a plain estimate

@@ -25,6 +25,7 @@ from stages.align.tracks import SEGMENT_SHORTEST, Cells, Track, tracks
 from stages.align.wahba import search
 
 CORRELATION_LEAST = 0.5  # share of common motion below which the two do not belong together
+AXES_STD = 0.1 * ARCMIN  # rad; an IMU's gyro axes are square to each other to about 5 arcsec, seen as a rotation
 STD_ESTIMATED = 3.0 * ARCMIN  # rad, largest standard deviation of a plain estimate
 STD_WEAK = 60.0 * ARCMIN  # rad, and of a weak one
 
@@ -44,7 +45,7 @@ def installation(imu: Sequence[Track], phins: ImuSeries, epoch: int, step: float
         return _unknown(f"{channel} and the IMU beside it show too little common motion")
     start = (coarse.rotation, coarse.delay)
     found = fit(imu, unit, step, start, SEGMENT_SHORTEST, nuisance=_level_frame(phins, phins.attitude, epoch))
-    return _graded(rotations.log(found.rotation), np.sqrt(np.diag(found.covariance)[:3]))
+    return _graded(rotations.log(found.rotation), np.sqrt(np.diag(found.covariance)[:3] + AXES_STD**2))
 
 
 def rate_series(phins: ImuSeries, attitude: FloatArray) -> ImuSeries:

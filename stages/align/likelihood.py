@@ -35,8 +35,8 @@ SPREAD_LEAST = 1.3  # scores' variance over the Hessian's, at least: taper (1.12
 INFORMED_SHARE = 0.5  # of a direction's information that must not be noise
 PRIOR_ANGLE = 1.8  # rad, one sigma of an angle nothing is known of (uniform over a turn)
 PRIOR_DELAY = 0.7  # s, one sigma of such a delay (uniform over the search range)
-ANGLE_SETTLED = 1e-8  # rad, and
-DELAY_SETTLED = 1e-7  # s: smaller steps end the iteration
+SETTLED = 0.01  # standard deviations; smaller steps end the iteration
+SPECTRUM_FLOOR = 1e-12  # of the residual's strongest frequency: rounding of the running mean
 DELAY_SLACK = 0.1  # s by which the delay may move away from its coarse value
 
 Nuisance = Callable[[Cells, FloatArray], FloatArray]
@@ -93,7 +93,7 @@ def fit(
         rotation = rotations.exp(change[:3]) @ rotation
         moved = float(np.clip(delay + change[3], lowest, highest)) - delay
         delay += moved
-        if iteration > FLAT_ITERATIONS and np.abs(change[:3]).max() < ANGLE_SETTLED and abs(moved) < DELAY_SETTLED:
+        if iteration > FLAT_ITERATIONS and np.all(np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))):
             break
     alone = np.sqrt(np.linalg.eigvalsh(_solve(normal)[1][:3, :3]).clip(0.0))
     return Fit(rotation, delay, covariance[:4, :4], alone)
@@ -138,7 +138,8 @@ def _solve(normal: _Normal) -> tuple[FloatArray, FloatArray]:
 
 def _not_below(spread: FloatArray, hessian: FloatArray) -> FloatArray:
     """The scores' variance, raised to SPREAD_LEAST of the Hessian wherever chance made it smaller (few bins)."""
-    scale = np.sqrt(np.diag(hessian)) + np.finfo(float).tiny
+    scale = np.sqrt(np.diag(hessian))
+    scale = np.where(scale > 0.0, scale, 1.0)
     metric = hessian / np.outer(scale, scale) + 1e-9 * np.eye(len(hessian))
     ratio, basis = linalg.eigh(spread / np.outer(scale, scale), metric)
     back = scale[:, None] * (metric @ basis)
@@ -180,7 +181,8 @@ def _back(values: FloatArray, size: int) -> FloatArray:
 
 def _smoothed(power: FloatArray, duration: float) -> FloatArray:
     width = 2 * max(SMOOTH_BINS, round(SMOOTH_HZ * duration)) + 1
-    return uniform_filter1d(power, min(width, 2 * (len(power) // 2) - 1), axis=0, mode="mirror")
+    smooth = uniform_filter1d(power, min(width, 2 * (len(power) // 2) - 1), axis=0, mode="mirror")
+    return np.maximum(smooth, SPECTRUM_FLOOR * power.max(axis=0))
 
 
 def _clipped(white: FloatArray) -> FloatArray:

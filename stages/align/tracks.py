@@ -87,7 +87,7 @@ def tracks(series: ImuSeries, epoch: int, channel: str) -> tuple[Track, ...]:
         raise DataError("too few finite gyro samples to align with", channel=channel)
     stamp, gyro = series.stamp[good], despiked(series.gyro[good])
     accel = np.nan_to_num(series.accel[good], posinf=0.0, neginf=0.0)
-    time: FloatArray = (stamp - epoch) * 1e-9
+    time = np.asarray((stamp - epoch) * 1e-9, dtype=np.float64)
     intervals = np.diff(time)
     breaks = np.flatnonzero(intervals > max(GAP_BRIDGED, 3.0 * np.median(intervals))) + 1
     edges = np.concatenate(([0], breaks, [len(time)]))
@@ -106,15 +106,16 @@ def _integral(time: FloatArray, rate: FloatArray, instantaneous: bool) -> FloatA
     # The sample after a hole speaks for its own interval only; across the hole the trapezoid is the better guess.
     holed = np.full(len(mean), instantaneous) | (intervals > 1.5 * np.median(intervals))
     mean[holed] = 0.5 * (rate[1:] + rate[:-1])[holed]
-    return np.vstack((np.zeros(3), np.cumsum(mean * intervals[:, None], axis=0)))
+    return np.asarray(np.vstack((np.zeros(3), np.cumsum(mean * intervals[:, None], axis=0))), dtype=np.float64)
 
 
 def despiked(values: FloatArray) -> FloatArray:
-    """Values (n, 3) with single-sample spikes (beyond SPIKE_SIGMA of the usual local scatter) set to the median."""
+    """Values (n, 3) with spikes, off by SPIKE_SIGMA times the usual local scatter or step, set to the local median."""
     median = median_filter(values, (SPIKE_WINDOW, 1), mode="nearest")
     off = np.abs(values - median)
-    scatter = 1.4826 * np.median(off, axis=0)
-    scatter = np.where(scatter > 0.0, scatter, np.mean(off, axis=0))
+    # Clean data are monotonic over most windows and then equal their median: the usual step counts as scatter too.
+    scatter = np.maximum(1.4826 * np.median(off, axis=0), np.median(np.abs(np.diff(values, axis=0)), axis=0))
+    scatter = np.where(scatter > 0.0, scatter, np.inf)
     return np.where(off > SPIKE_SIGMA * scatter, median, values)
 
 

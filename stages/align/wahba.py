@@ -18,7 +18,7 @@ from schemas.rig import FloatArray
 from stages.align.tracks import Cells, Track, cells, shared_spans
 
 SEARCH_REACH = 1.2  # s, largest delay looked for, either sign
-LAG_STEP = 0.05  # s between the delays tried
+LAG_STEP = 0.1  # s between the delays tried
 COARSE_STEP = 0.1  # s, cell of the coarse search
 GRAVITY_SHARE = 1e-3  # weight of the gravity pair beside the rates: decides only what the rates leave open
 CLOSENESS = 1e-9  # weight of "no rotation": decides only what nothing else decides

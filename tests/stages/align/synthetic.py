@@ -6,7 +6,7 @@ vector between the attitudes at the two ends of its interval. No code of the pro
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,6 +17,7 @@ from schemas.trial import ImuSeries, Trial
 ARCMIN = np.pi / 180.0 / 60.0
 DEG = np.pi / 180.0
 EPOCH = 1_700_000_000_123_456_789
+GRAVITY = np.array([0.0, 0.0, 9.81])
 EARTH_RATE = np.array([0.0, 5.2e-5, 5.1e-5])  # rad/s, ENU
 
 
@@ -70,7 +71,7 @@ class World:
 
     motion: Waves
     bend: Waves | None = None
-    mount: Rotation = Rotation.from_rotvec([0.0, 0.0, 0.0])
+    mount: Rotation = field(default_factory=Rotation.identity)
     delay: float = 0.0
     lever: np.ndarray | None = None
 
@@ -93,7 +94,7 @@ def unit(world: World, name: str, start: float, duration: float, rate: float) ->
     inertial = Rotation.from_rotvec(np.multiply.outer(ends, EARTH_RATE)) * attitude
     gyro = (inertial[:-1].inv() * inertial[1:]).as_rotvec() / step
     middle = measured - 0.5 * step
-    force = getattr(world, name)(middle).inv().apply(_acceleration(world, name, middle) + [0.0, 0.0, 9.81])
+    force = getattr(world, name)(middle).inv().apply(_acceleration(world, name, middle) + GRAVITY)
     return ImuSeries(nanoseconds(stamps), gyro, force, attitude[1:].as_quat())
 
 

