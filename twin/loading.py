@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
@@ -41,8 +42,10 @@ def parse_twin(text: str, *, file: Path | str | None = None) -> Twin:
     """A twin from TOML text; ``file`` is for messages only."""
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as problem:
+    except ValueError as problem:  # TOMLDecodeError is one, a number of thousands of digits another
         raise DataError(f"not valid TOML: {problem}", file=file) from problem
+    except RecursionError as problem:
+        raise DataError("not valid TOML: nested too deeply", file=file) from problem
     return make_twin(table, file=file)
 
 
@@ -57,6 +60,11 @@ def make_twin(table: Mapping[str, Any], *, file: Path | str | None = None) -> Tw
     except DataError as problem:
         raise problem.located(file=file) from problem
     return twin
+
+
+def with_run(twin: Twin, **values: Any) -> Twin:
+    """The twin with other values in its [run] table (duration, rate, seed, start), checked as a file's would be."""
+    return make_twin({**twin.model_dump(), "run": {**twin.run.model_dump(), **values}})
 
 
 def dump_twin(twin: Twin) -> str:
@@ -79,15 +87,19 @@ def _told(problem: ValidationError) -> str:
 def _table(path: str, table: Mapping[str, Any]) -> list[str]:
     """Lines of one table: its plain values first, then its tables and arrays of tables."""
     plain = {k: v for k, v in table.items() if not isinstance(v, dict) and not _is_tables(v)}
-    lines = [f"{key} = {_value(value)}" for key, value in plain.items()]
+    lines = [f"{_key(key)} = {_value(value)}" for key, value in plain.items()]
     for key, value in table.items():
-        name = f"{path}.{key}" if path else key
+        name = f"{path}.{_key(key)}" if path else _key(key)
         if isinstance(value, dict):
             lines += ["", f"[{name}]", *_table(name, value)]
         elif _is_tables(value):
             for entry in value:
                 lines += ["", f"[[{name}]]", *_table(name, entry)]
     return lines
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _value(key)
 
 
 def _is_tables(value: object) -> bool:

@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from schemas.errors import DataError
-from twin import Twin, built_in, dump_twin, load_twin, parse_twin
+from twin import Twin, believed_rig, built_in, dump_twin, load_twin, parse_twin, with_run
 
 CONTRACT = """
 name = "example"
@@ -99,6 +101,8 @@ def test_an_empty_file_is_a_twin_without_a_deck() -> None:
         ("[[ship.phase]]\nstart = 9\n[[ship.phase]]\nstart = 3", "one after the other"),
         ("[run]\nseed = 'x'", "'run.seed'"),
         ("[run\n", "not valid TOML"),
+        ("a = " + "[" * 50_000, "nested too deeply"),
+        ("a = " + "9" * 5_000, "not valid TOML"),
         ('[[effect]]\nname = "kraken"', "no effect named 'kraken'"),
     ],
 )
@@ -143,3 +147,23 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 )
 def test_twins_of_foreign_logs_load(path: Path) -> None:
     assert load_twin(path).run.duration > 0
+
+
+def test_another_run_is_checked_like_a_file() -> None:
+    twin = with_run(load_twin("idam"), duration=12.0, seed=3)
+    assert (twin.run.duration, twin.run.seed, twin.run.rate) == (12.0, 3, 100.0)
+    assert twin.flexure == load_twin("idam").flexure
+    with pytest.raises(DataError, match=r"run\.duration"):
+        with_run(twin, duration=-1.0)
+
+
+def test_what_the_owner_would_state_of_the_installation() -> None:
+    rig = believed_rig(load_twin("idam-ship"))
+    np.testing.assert_allclose(rig.lever_arm, [-4.0, 34.0, 3.0])
+    np.testing.assert_allclose(
+        rig.installation_sub, Rotation.from_euler("ZXY", [0.330, -0.029, 0.525], degrees=True).as_matrix(), atol=1e-15
+    )
+    assert rig.main.gyro_arw == pytest.approx(np.radians(0.001) / 60)
+    assert rig.sub.accel_vrw == pytest.approx(10 * 9.80665e-6)
+    assert rig.main.gyro_bias_std == pytest.approx(np.radians(0.01) / 3600)
+    assert believed_rig(load_twin("idam")).installation_main is None
