@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from physics.interpolation import slerp
+from physics import quaternions
+from physics.interpolation import slerp_quaternions
 from physics.units import DEG
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries
@@ -61,9 +62,9 @@ def with_gravity(unit: ImuSeries, source: ImuSeries, R_imu_source: FloatArray, g
     """
     assert source.attitude is not None
     half = 0 if unit.instantaneous else int(np.median(np.diff(unit.stamp))) // 2
-    rotation, valid = slerp(source.stamp, Rotation.from_quat(source.attitude), unit.stamp - half)
-    R_n_imu = rotation * Rotation.from_matrix(R_imu_source).inv()
-    restored = unit.accel[valid] + R_n_imu.inv().apply(np.array([0.0, 0.0, gravity]))
+    q_n_source, valid = slerp_quaternions(source.stamp, source.attitude, unit.stamp - half)
+    q_n_imu = quaternions.multiply(q_n_source, Rotation.from_matrix(R_imu_source.T).as_quat())
+    restored = unit.accel[valid] + quaternions.rotate(quaternions.conjugate(q_n_imu), np.array([0.0, 0.0, gravity]))
     own = None if unit.attitude is None else unit.attitude[valid]
     return ImuSeries(unit.stamp[valid], unit.gyro[valid], restored, own, unit.instantaneous)
 
@@ -83,21 +84,9 @@ def _declared_unavailable(table: Table, channel: ImuChannel) -> NDArray[np.bool_
 
 
 def _to_enu_hull(quaternion: FloatArray, convention: Attitude, R_hull_log: FloatArray) -> FloatArray:
-    """``R_enu_hull = R_enu_nav R_nav_log R_hull_log^T``: one linear map of the quaternions, since two are constant."""
-    left = Rotation.from_matrix(R_ENU_NAV[convention.frame])
-    right = Rotation.from_matrix(R_hull_log).inv()
-    sign = np.array([-1.0, -1.0, -1.0, 1.0]) if convention.inverse else np.ones(4)
-    mapped = (quaternion * sign) @ (_left(left.as_quat()) @ _right(right.as_quat())).T
+    """``R_enu_hull = R_enu_nav R_nav_log R_hull_log^T``, unit quaternions."""
+    q_enu_nav = Rotation.from_matrix(R_ENU_NAV[convention.frame]).as_quat()
+    q_log_hull = Rotation.from_matrix(R_hull_log.T).as_quat()
+    q_nav_log = quaternions.conjugate(quaternion) if convention.inverse else quaternion
+    mapped = quaternions.multiply(quaternions.multiply(q_enu_nav, q_nav_log), q_log_hull)
     return np.asarray(mapped / np.linalg.norm(mapped, axis=1, keepdims=True))
-
-
-def _left(p: FloatArray) -> FloatArray:
-    """L (4, 4) of the product p q = L q, quaternions x, y, z, w."""
-    x, y, z, w = p
-    return np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
-
-
-def _right(p: FloatArray) -> FloatArray:
-    """R (4, 4) of the product q p = R q, quaternions x, y, z, w."""
-    x, y, z, w = p
-    return np.array([[w, z, -y, x], [-z, w, x, y], [y, -x, w, z], [-x, -y, -z, w]])

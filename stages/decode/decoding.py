@@ -12,12 +12,14 @@ from schemas.wire import Log, Table, read_log
 from stages.decode import channels, plausible
 from stages.decode.foreign import with_foreign
 from stages.decode.profile import RigProfile, default_rig
-from stages.decode.roles import Found, Notes, decode_role, epoch_of, has_channel, table_of, topics
+from stages.decode.roles import Found, Notes, clock_lag, decode_role, epoch_of, has_channel, table_of, topics
 
 MIN_DURATION_S = 5.0
 """Main and sub IMU must record together at least so long."""
 EDGE_S = 1.0
 """A channel that starts later or ends earlier than the main IMU by more than this is noted."""
+CLOCKS_APART_S = 1.0
+"""Stamps of main and sub further apart than this for messages written together: two clocks."""
 ORDER = (
     *("phins_main", "phins_sub", "main", "sub"),
     *("gnss", "sliding", "sled", "temperature_main", "temperature_sub"),
@@ -63,12 +65,23 @@ def _trial(log: Log, tables: dict[str, Table], profile: RigProfile, source: str)
     for role in ("main", "sub"):
         table_of(role, log, tables, profile)
     epoch = epoch_of(tables[profile.main.topic], profile)
-    found, notes = Found(), tuple(log.problems)
+    found, notes = Found(), tuple(log.problems) + _clock_note(tables, profile)
     for role in ORDER:
         found, told = _role(role, log, tables, profile, epoch, found)
         notes += tuple(f"{profile.channel(role).topic}: {note}" for note in told)
         release(role, tables, profile)
     return _assembled(found, notes, profile, source, epoch)
+
+
+def _clock_note(tables: dict[str, Table], profile: RigProfile) -> Notes:
+    """Whether main and sub stamp by different clocks, judged by when their messages were written."""
+    lag = [clock_lag(tables[profile.channel(role).topic], profile.channel(role)) for role in ("main", "sub")]
+    if lag[0] is None or lag[1] is None or abs(lag[1] - lag[0]) < CLOCKS_APART_S:
+        return ()
+    apart = abs(lag[1] - lag[0])
+    way = "behind" if lag[1] > lag[0] else "ahead of"
+    names = f"{profile.sub.topic} is {apart:.3f} s {way} {profile.main.topic}"
+    return (f"by the times of writing the clock of {names}: two clocks?",)
 
 
 def _role(

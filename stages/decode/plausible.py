@@ -120,7 +120,7 @@ def gyro_against_attitude(unit: ImuSeries, role: str) -> str | None:
 
 
 def pair(main: ImuSeries, sub: ImuSeries) -> str | None:
-    """Rates of the two units against each other: the same unit, and not mirror images."""
+    """Rates of the two units against each other: the same unit, not mirror images, and gravity turned as they are."""
     begin, end = max(main.stamp[0], sub.stamp[0]), min(main.stamp[-1], sub.stamp[-1])
     grid = np.arange(begin, end, int(1e9), dtype=np.int64)
     if len(grid) < MIN_WINDOWS:
@@ -139,7 +139,20 @@ def pair(main: ImuSeries, sub: ImuSeries) -> str | None:
             "the rates of the two units are mirror images: an axis of one has the wrong sign; "
             "rig keys main.gyro_signs, sub.gyro_signs"
         )
-    return None
+    return None if found.rotation is None else _gravity_of_both(main, sub, found.rotation)
+
+
+def _gravity_of_both(main: ImuSeries, sub: ImuSeries, R_s_m: FloatArray) -> str | None:
+    """Gravity must be turned from one unit to the other as the rates are."""
+    mean_m, mean_s = main.accel.mean(axis=0), sub.accel.mean(axis=0)
+    size = float(np.linalg.norm(mean_m) * np.linalg.norm(mean_s))
+    off = float(np.arccos(np.clip(mean_s @ R_s_m @ mean_m / max(size, 1e-12), -1.0, 1.0)))
+    if off < 1.5 * MAX_ANGLE:
+        return None
+    return (
+        f"gravity in the two units differs by {np.rad2deg(off):.0f} degrees once their rates agree: signs or axes of "
+        "an accelerometer are wrong; rig keys main.accel_signs, sub.accel_signs"
+    )
 
 
 def _compared(reference: FloatArray, gyro: FloatArray, role: str) -> str | None:
@@ -163,11 +176,18 @@ def _compared(reference: FloatArray, gyro: FloatArray, role: str) -> str | None:
 
 @dataclass(frozen=True)
 class _Relation:
-    """How rates y (n, 3) follow rates x (n, 3), y = M x + b; the defaults say that it cannot be told."""
+    """How rates y (n, 3) follow rates x (n, 3), y = M x + b; the defaults say that it cannot be told.
+
+    rotation: (3, 3), the one next to M, where x and y share all three directions and the same handedness.
+    """
 
     gain: float = 0.0
     mirrored: bool = False
-    angle: float = 0.0
+    rotation: FloatArray | None = None
+
+    @property
+    def angle(self) -> float:
+        return 0.0 if self.rotation is None else float(Rotation.from_matrix(self.rotation).magnitude())
 
 
 def _relation(x: FloatArray, y: FloatArray) -> _Relation:
@@ -186,7 +206,7 @@ def _relation(x: FloatArray, y: FloatArray) -> _Relation:
     left, _, right = np.linalg.svd(matrix)
     if np.linalg.det(matrix) < 0.0:
         return _Relation(gain, mirrored=True)
-    return _Relation(gain, angle=float(Rotation.from_matrix(left @ right).magnitude()))
+    return _Relation(gain, rotation=np.asarray(left @ right))
 
 
 def _averaged(unit: ImuSeries, grid: IntArray) -> FloatArray:

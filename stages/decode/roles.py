@@ -13,7 +13,7 @@ from schemas.trial import GnssSeries, ImuSeries, OdometrySeries, ScalarSeries
 from schemas.wire import ChannelInfo, Log, Table
 from stages.decode import channels, columns, plausible, stamps
 from stages.decode.attitude import with_gravity
-from stages.decode.profile import DEFAULTS, RigProfile
+from stages.decode.profile import DEFAULTS, Channel, RigProfile
 
 Notes = tuple[str, ...]
 
@@ -77,6 +77,13 @@ def epoch_of(main: Table, profile: RigProfile) -> int:
     except DataError as error:
         raise error.located(channel=profile.main.topic) from error
     return int(settled.stamp[0])
+
+
+def clock_lag(table: Table, channel: Channel) -> float | None:
+    """Usual time from stamp to writing, s; None without stamps."""
+    stamp, log_time = columns.stamps(table, channel), np.asarray(table.log_time, dtype=np.int64)
+    valid = (stamp > 0) & (log_time > 0)
+    return float(np.median((log_time - stamp)[valid])) * 1e-9 if valid.any() else None
 
 
 def decode_role(role: str, table: Table, profile: RigProfile, epoch: int | None, found: Found) -> tuple[Any, Notes]:

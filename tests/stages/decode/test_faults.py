@@ -267,6 +267,14 @@ class Fault(Enum):
         on("/imu/sub", lambda one: changed(one, angular_velocity__y=np.negative)),
         Refused(("/imu/main and /imu/sub", "mirror", "sub.gyro_signs")),
     )
+    ACCEL_NEGATIVE = (
+        on("/imu/sub", accel(np.negative)),
+        Refused(("/imu/main and /imu/sub", "gravity", "180 degrees", "sub.accel_signs")),
+    )
+    CLOCKS_APART = (
+        on("/imu/sub", stamped(lambda s: s - 3 * SECOND)),
+        Noted(("the clock of /imu/sub is 3.000 s behind /imu/main",)),
+    )
     UPSIDE_DOWN = (
         on(
             "/imu/sub",
