@@ -134,7 +134,8 @@ def shared_spans(
 
 def edges_of(span: Span, step: float) -> FloatArray:
     """Cell edges (k + 1,) of a span, s."""
-    return span.start + step * np.arange(int((span.end - span.start) / step + 1e-9) + 1)
+    count = int((span.end - span.start) / step + 1e-9) + 1
+    return np.asarray(span.start + step * np.arange(count), dtype=np.float64)
 
 
 def cells(spans: Sequence[Span], step: float, delay: float) -> Cells:
