@@ -23,6 +23,7 @@ Rows = NDArray[np.uint8]
 Counter = Callable[[int], int]
 MAX_NODES = 1_000_000
 _TIME_SIZE = 8
+_UNLIMITED = 1 << 62
 
 
 class MisfitError(Exception):
@@ -71,12 +72,12 @@ def layout_of_bytes(mtype: MessageType, body: bytes, order: str) -> Layout:
 def layout_of_counts(mtype: MessageType, counts: list[int], order: str = "<") -> Layout:
     """The layout of a message whose length words, in the order of the wire, are counts."""
     remaining = iter(counts)
-    return _Walk(mtype, order, 1 << 40, lambda _: next(remaining)).layout()
+    return _Walk(mtype, order, _UNLIMITED, lambda _: next(remaining)).layout()
 
 
 def empty_layout(mtype: MessageType) -> Layout:
     """The layout of a message whose strings and sequences are all empty."""
-    return _Walk(mtype, "<", 1 << 40, lambda _: 0).layout()
+    return _Walk(mtype, "<", _UNLIMITED, lambda _: 0).layout()
 
 
 class _Walk:
@@ -124,7 +125,7 @@ class _Walk:
     def _items(self, base: str, path: str, count: int, ragged: bool) -> dict[str, Node]:
         if count > max(self.limit - self.position, 0):
             raise MisfitError("an array is longer than the message")
-        blank = _Walk(self.mtype, self.order, self.limit, lambda _: 0)._single(base, path)
+        blank = _Walk(self.mtype, self.order, _UNLIMITED, lambda _: 0)._single(base, path)
         elements = [self._single(base, path) for _ in range(count)]
         return {leaf: Items(tuple(one[leaf] for one in elements), ragged, blank[leaf]) for leaf in blank}
 
