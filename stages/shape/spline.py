@@ -127,7 +127,7 @@ def _guesses(runs: list[gls.Run], layout: Layout, axis: int) -> tuple[gls.Guess,
     """Weak beliefs about the logs of noise (r, g, b, sigma_b) and prior (q0, q1, q2, l, wiggle of the share)."""
     jumps = np.concatenate([np.diff(run.y, n=2) * np.sqrt(run.count[1:-1] / 6.0) for run in runs if len(run.y) > 3])
     r = max(float(np.median(np.abs(jumps))) * 1.4826, 1e-9) ** 2
-    g, g_std = FLEXURE_RATE, 0.7  # a run cannot tell it from curvature, so the belief must hold
+    g, g_std = FLEXURE_RATE, 0.4  # a run cannot tell it from curvature, so the belief must hold
     if layout.share is not None:
         felt = np.concatenate([run.X[:, layout.shares].sum(axis=1) for run in runs])
         g, g_std = UNEXPLAINED * max(float(np.std(felt)), 1e-8), 1.5

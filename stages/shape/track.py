@@ -5,17 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import solveh_banded
 
 from schemas.errors import DataError
 from schemas.products import BoolArray
 from schemas.rig import FloatArray
-from schemas.trial import OdometrySeries
+from schemas.trial import IntArray, OdometrySeries
 from stages.shape.robust import hampel, spread
 
 FEWEST = 10  # positions
 ODOMETRY_GAP = 0.5  # s: a longer hole in the odometry is not bridged
+JUMP = 0.5  # m beyond three times what the sled's speed explains: the odometer was reset or the sled carried
 ACCELERATION_PSD = 10.0  # (m/s^2)^2/Hz: how freely the sled may change its speed
 MOVING_SHARE = 0.05  # of the cruising speed: below it the sled stands
 CRUISE_SHARE = 0.4  # of a pass's cruising speed: slower samples are its start and stop transients
@@ -40,12 +41,14 @@ class Track:
     """Arc length of the sled against time.
 
     t: (n,) s. s: (n,) m, smoothed, from the path's start (where the first pass starts, or further out where another
-    pass went further). origin: (3,) m and direction: (3,) unit vector of the path's chord in the deck frame.
-    lateral: (n, 3) m, smoothed departure from the chord. passes: the runs, in time.
+    pass went further). piece: (n,) counts the holes in time or jumps in place before each sample. origin: (3,) m and
+    direction: (3,) unit vector of the path's chord in the deck frame. lateral: (k, 3) m, mean departure from the chord
+    at arc lengths lateral_s (k,). passes: the runs, in time.
     """
 
     t: FloatArray
     s: FloatArray
+    piece: IntArray
     origin: FloatArray
     direction: FloatArray
     lateral_s: FloatArray
@@ -54,7 +57,8 @@ class Track:
 
     def arc_length(self, t: FloatArray) -> FloatArray:
         """Arc length (m) at times t (s); meaningless where :meth:`covered` is False."""
-        return np.asarray(CubicSpline(self.t, self.s)(np.clip(t, self.t[0], self.t[-1])))
+        slope = _speed(self.t, self.s, self.piece, 1)
+        return np.asarray(CubicHermiteSpline(self.t, self.s, slope)(np.clip(t, self.t[0], self.t[-1])))
 
     def covered(self, t0: FloatArray, t1: FloatArray) -> BoolArray:
         """Whether odometry surrounds the interval [t0, t1] without a gap."""
@@ -62,8 +66,7 @@ class Track:
         after = np.searchsorted(self.t, t1, side="left")
         inside = (before >= 0) & (after < len(self.t))
         a, b = np.clip(before, 0, None), np.clip(after, None, len(self.t) - 1)
-        holes = np.concatenate([[0], np.cumsum(np.diff(self.t) > ODOMETRY_GAP)])
-        return np.asarray(inside & (holes[a] == holes[b]))
+        return np.asarray(inside & (self.piece[a] == self.piece[b]))
 
     def position(self, s: FloatArray) -> FloatArray:
         """Deck-frame position (n, 3) m of the path at arc lengths s."""
@@ -79,9 +82,11 @@ def track(odometry: OdometrySeries, seconds: FloatArray) -> Track:
     """
     t, position, velocity = _usable(odometry, seconds)
     centre, direction = _chord(position)
-    u = smooth_arc(t, (position - centre) @ direction, velocity @ direction)
-    speed = _speed(t, u)
-    runs = _runs(t, u, speed)
+    along = (position - centre) @ direction
+    piece = _pieces(t, along)
+    u = smooth_arc(t, along, velocity @ direction, piece)
+    speed = _speed(t, u, piece, max(1, round(0.1 / float(np.median(np.diff(t))))))
+    runs = _runs(u, speed, piece)
     if not runs:
         fastest = float(np.max(np.abs(speed)))
         raise DataError(
@@ -95,7 +100,7 @@ def track(odometry: OdometrySeries, seconds: FloatArray) -> Track:
     s, origin = u - start, centre + start * direction
     lateral_s, lateral = _lateral(s, position - origin - s[:, None] * direction)
     passes = tuple(_pass(i, t, s, sign * speed, a, b) for i, (a, b) in enumerate(runs))
-    return Track(t, s, origin, direction, lateral_s, lateral, passes)
+    return Track(t, s, piece, origin, direction, lateral_s, lateral, passes)
 
 
 def _usable(odometry: OdometrySeries, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -119,21 +124,29 @@ def _chord(position: FloatArray) -> tuple[FloatArray, FloatArray]:
     return centre, direction
 
 
-def smooth_arc(t: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
+def _pieces(t: FloatArray, along: FloatArray) -> IntArray:
+    """Number of holes in time or jumps in place before each sample, (n,)."""
+    step, moved = np.diff(t), np.abs(np.diff(along))
+    fast = 3.0 * float(np.percentile(moved / step, 99))
+    return np.concatenate([[0], np.cumsum((step > ODOMETRY_GAP) | (moved > JUMP + fast * step))])
+
+
+def smooth_arc(t: FloatArray, position: FloatArray, velocity: FloatArray, piece: IntArray) -> FloatArray:
     """Least-squares arc length (n,) m from positions (n,) m and velocities (n,) m/s, NaN where there is none.
 
     Minimises sum (s - p)^2/sp^2 + sum ((s_{i+1} - s_i)/dt - v)^2/sv^2 + sum (change of speed)^2/(q dt), the noise
-    levels sp and sv being the local spreads of p and v; steps across gaps are left free.
+    levels sp and sv being the local spreads of p and v; steps from one piece (n,) to the next are left free.
     """
     step = np.diff(t)
     sp = max(float(np.median(spread(np.diff(position, n=2)[:, None]))) / np.sqrt(6.0), 1e-4)
     between = 0.5 * (velocity[1:] + velocity[:-1])
-    known = np.isfinite(between) & (step < ODOMETRY_GAP)
+    whole = np.diff(piece) == 0
+    known = np.isfinite(between) & whole
     sv = 0.01
     if known.sum() > 10:
         sv = max(float(np.median(spread(np.diff(velocity[np.isfinite(velocity)], n=2)[:, None]))) / np.sqrt(6.0), 1e-3)
     rate_weight = np.where(known, 2.0 / sv**2, 0.0) / step**2
-    kink_weight = np.where(np.maximum(step[1:], step[:-1]) < ODOMETRY_GAP, 1.0, 1e-6)
+    kink_weight = np.where(whole[1:] & whole[:-1], 1.0, 1e-9)
     kink_weight = kink_weight / (ACCELERATION_PSD * 0.5 * (step[1:] + step[:-1]))
     bands, right = _normal_equations(step, 1.0 / sp**2, position, rate_weight, np.nan_to_num(between), kink_weight)
     return np.asarray(solveh_banded(bands, right, lower=True))
@@ -158,32 +171,26 @@ def _normal_equations(
     return bands, right
 
 
-def _speed(t: FloatArray, u: FloatArray) -> FloatArray:
-    """Speed over about 0.2 s, (n,) m/s, zero beside gaps."""
-    half = max(1, round(0.1 / float(np.median(np.diff(t)))))
+def _speed(t: FloatArray, u: FloatArray, piece: IntArray, half: int) -> FloatArray:
+    """Speed (n,) m/s over half samples to either side, as far as they belong to the same piece."""
     i = np.arange(len(t))
-    a, b = np.clip(i - half, 0, None), np.clip(i + half, None, len(t) - 1)
-    holes = np.concatenate([[0], np.cumsum(np.diff(t) > ODOMETRY_GAP)])
-    return np.where(holes[a] == holes[b], (u[b] - u[a]) / (t[b] - t[a]), 0.0)
+    first, last = np.searchsorted(piece, piece), np.searchsorted(piece, piece, side="right") - 1
+    a, b = np.maximum(i - half, first), np.minimum(i + half, last)
+    return np.asarray((u[b] - u[a]) / np.where(b > a, t[b] - t[a], 1.0))
 
 
-def _runs(t: FloatArray, u: FloatArray, speed: FloatArray) -> list[tuple[int, int]]:
+def _runs(u: FloatArray, speed: FloatArray, piece: IntArray) -> list[tuple[int, int]]:
     """First and last sample of every run: one direction, from standstill to standstill, long and fast enough."""
     fast = np.abs(speed)[np.abs(speed) > SPEED_FLOOR]
     if not len(fast):
         return []
     floor = max(MOVING_SHARE * float(np.median(fast)), 0.5 * SPEED_FLOOR)
     state = np.where(np.abs(speed) > floor, np.sign(speed), 0.0).astype(int)
-    state[:-1][np.diff(t) > ODOMETRY_GAP] = 0
-    edges = np.flatnonzero(np.diff(state)) + 1
-    pieces = np.split(np.arange(len(t)), edges)
-    runs = [(int(p[0]), int(p[-1])) for p in pieces if state[p[0]] != 0]
-    lengths = np.array([abs(u[b] - u[a]) for a, b in runs])
-    if not len(lengths):
-        return []
-    needed = max(SHORTEST_PASS, SHORTEST_SHARE * lengths.max())
-    peak = [float(np.max(np.abs(speed[a : b + 1]))) for a, b in runs]
-    return [r for r, length, p in zip(runs, lengths, peak) if length >= needed and p > SPEED_FLOOR]
+    edges = np.flatnonzero((np.diff(state) != 0) | (np.diff(piece) != 0)) + 1
+    stretches = np.split(np.arange(len(u)), edges)
+    runs = [(int(p[0]), int(p[-1])) for p in stretches if state[p[0]] != 0]
+    needed = max(SHORTEST_PASS, SHORTEST_SHARE * max((abs(u[b] - u[a]) for a, b in runs), default=0.0))
+    return [(a, b) for a, b in runs if abs(u[b] - u[a]) >= needed and np.max(np.abs(speed[a : b + 1])) > SPEED_FLOOR]
 
 
 def _pass(index: int, t: FloatArray, s: FloatArray, speed: FloatArray, a: int, b: int) -> Pass:

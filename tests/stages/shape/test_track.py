@@ -58,6 +58,15 @@ def test_jumps_and_missing_rows_are_left_out() -> None:
     assert np.max(np.abs(bad.arc_length(t[5:-5]) - good.arc_length(t[5:-5]))) < 0.05
 
 
+def test_a_sled_carried_back_between_runs_makes_runs_in_one_direction() -> None:
+    sled = odometry(there_and_back=False)
+    path = found(sled)
+    assert [p.forward for p in path.passes] == [True, True, True]
+    t = (sled.stamp - EPOCH) * 1e-9
+    raw = (sled.position - path.origin) @ path.direction
+    assert np.max(np.abs(path.arc_length(t) - raw)) < 0.08
+
+
 def test_a_gap_is_not_covered() -> None:
     sled = odometry()
     t = (sled.stamp - EPOCH) * 1e-9
