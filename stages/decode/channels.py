@@ -50,7 +50,7 @@ def imu(table: Table, channel: ImuChannel, instantaneous: bool, epoch: int | Non
 
 
 def phins(table: Table, channel: ImuChannel, instantaneous: bool, epoch: int | None = None) -> tuple[ImuSeries, Notes]:
-    """A unit that is there for its attitude; gyro and accel are NaN where it publishes none."""
+    """A unit that is there for its attitude; gyro and accel are NaN where it gives none."""
     found = attitude.attitude(table, channel)
     if found is None:
         raise DataError("it gives no attitude")
@@ -128,13 +128,22 @@ def truth(deformation: Table, channel: Channel, attitude_table: Table | None, ab
     """Truth of a simulated log."""
     parts = [columns.vector(deformation, channel, name) for name in ("total", "static_part", "dynamic_part")]
     settled = _settle(deformation, channel, None, *parts)
-    total, static_part, dynamic_part = (part[settled.keep] for part in parts)
-    if attitude_table is None or not len(attitude_table):
-        return Truth(settled.stamp, total, static_part, dynamic_part)
-    quaternion = attitude_table.quaternion("quaternion")
-    quaternion = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
-    when = _settle(attitude_table, about, None, quaternion)
-    return Truth(settled.stamp, total, static_part, dynamic_part, when.stamp, quaternion[when.keep])
+    good = np.asarray(np.isfinite(np.concatenate(parts, axis=1)).all(axis=1))[settled.keep]
+    _enough(int(np.count_nonzero(good)), 2)
+    total, static_part, dynamic_part = (part[settled.keep][good] for part in parts)
+    when, attitudes = _true_attitude(attitude_table, about) if attitude_table else (None, None)
+    return Truth(settled.stamp[good], total, static_part, dynamic_part, when, attitudes)
+
+
+def _true_attitude(table: Table, channel: Channel) -> tuple[IntArray, FloatArray]:
+    quaternion = columns.vector(
+        table, channel.model_copy(update={"fields": {"orientation": "quaternion"}}), "orientation"
+    )
+    norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    settled = _settle(table, channel, None, quaternion)
+    good = norm[settled.keep, 0] > 0.5
+    keep = settled.keep[good]
+    return settled.stamp[good], quaternion[keep] / norm[keep]
 
 
 def _settle(table: Table, channel: Channel, epoch: int | None, *data: FloatArray) -> stamps.Settled:

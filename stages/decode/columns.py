@@ -23,6 +23,7 @@ STANDARD: dict[str, tuple[str, ...]] = {
     "dynamic_part": ("x", "y", "z"),
 }
 """Parts of the standard fields that are vectors; every other field is a single number (or a covariance)."""
+ABSURD = 1e15
 _DEFAULT_PATH = {
     "stamp": "header.stamp",
     "position": "pose.pose.position",
@@ -41,7 +42,7 @@ def has(table: Table, channel: Channel, field: str) -> bool:
 def vector(table: Table, channel: Channel, field: str) -> FloatArray:
     """(n, k) float64 of a vector field, a copy. Raises DataError where the messages do not have it."""
     names = _names(table, channel, field)
-    values = np.column_stack([_number(table, name) for name in names])
+    values = _stacked(table, names)
     width = len(STANDARD[field])
     if values.shape[1] != width:
         raise DataError(f"{field} needs {width} columns; {', '.join(names)} give {values.shape[1]}")
@@ -50,7 +51,7 @@ def vector(table: Table, channel: Channel, field: str) -> FloatArray:
 
 def scalar(table: Table, channel: Channel, field: str) -> FloatArray:
     """(n,) float64 of a single number, a copy."""
-    values = np.column_stack([_number(table, name) for name in _names(table, channel, field)])
+    values = _stacked(table, _names(table, channel, field))
     if values.shape[1] != 1:
         raise DataError(f"{field} needs one column, not {values.shape[1]}")
     return values[:, 0]
@@ -108,6 +109,13 @@ def _names(table: Table, channel: Channel, field: str) -> Sequence[str]:
     if given in table.columns or field not in STANDARD:
         return (given,)
     return [f"{given}.{part}" for part in STANDARD[field]]
+
+
+def _stacked(table: Table, names: Sequence[str]) -> FloatArray:
+    """(n, k) float64; what is infinite or beyond any physical quantity is NaN, so that nothing overflows later."""
+    values = np.column_stack([_number(table, name) for name in names]).astype(np.float64, copy=False)
+    values[~(np.abs(values) < ABSURD)] = np.nan
+    return values
 
 
 def _number(table: Table, name: str) -> np.ndarray:
