@@ -34,7 +34,7 @@ Rate = Annotated[float | None, typer.Option("--rrd-rate", metavar="HZ", min=0.01
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Entry point of the command; arguments None: those of the process. Exits with the command's status."""
-    for library in ("OMP", "OPENBLAS", "MKL"):  # small matrices: threads inside the libraries only get in each other's way
+    for library in ("OMP", "OPENBLAS", "MKL"):  # the matrices are small: more threads only get in each other's way
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
     sys.exit(console.guarded(lambda: app(words, prog_name="deckflex"), debug="--debug" in words[:1]))

@@ -7,10 +7,10 @@ what they found odd is gathered.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -76,23 +76,42 @@ class Steps:
 def run_log(path: Path, options: RunOptions | None = None, progress: Progress | None = None) -> LogRun:
     """Everything one log has to say, by one estimator. Raises DataError, which names the file."""
     options = options or RunOptions()
-    return run_estimators(path, options, [options.estimator], progress)[0]
+    return run_estimators(path, options, [options.estimator], progress, with_shape=True)[0]
 
 
 def run_estimators(
-    path: Path, options: RunOptions, estimators: Sequence[str], progress: Progress | None = None
+    path: Path,
+    options: RunOptions,
+    estimators: Sequence[str],
+    progress: Progress | None = None,
+    *,
+    with_shape: bool = False,
 ) -> tuple[LogRun, ...]:
     """Several estimators on one decode, one alignment and one identification; their order is kept.
 
-    Raises DataError, which names the file, and ValueError for a name that is not registered.
+    with_shape: find the deck's shape too, where a sled was run. Raises DataError, which names the file, and ValueError
+    for a name that is not registered.
     """
+    steps = Steps(progress)
     try:
-        return _run_estimators(path, options, estimators, Steps(progress))
+        ready = _prepared(path, options, steps)
+        return tuple(_finished(ready, name, path, options, steps, with_shape) for name in estimators)
     except DataError as error:
         raise error.located(file=path) from error
 
 
-def _run_estimators(path: Path, options: RunOptions, estimators: Sequence[str], steps: Steps) -> tuple[LogRun, ...]:
+@dataclass(frozen=True)
+class _Prepared:
+    """What all estimators on a log share."""
+
+    decoded: Decoded
+    alignment: Alignment
+    flexure: FlexureModel
+    origin: Mapping[str, str]
+
+
+def _prepared(path: Path, options: RunOptions, steps: Steps) -> _Prepared:
+    """Decode (hashing the file beside it), align, identify."""
     from stages.align import align
 
     with ThreadPoolExecutor(max_workers=1) as pool:
@@ -104,13 +123,24 @@ def _run_estimators(path: Path, options: RunOptions, estimators: Sequence[str], 
         alignment = align(decoded.trial)
     with steps.step("identify"):
         flexure = _identify(options.identifier, decoded.trial, alignment)
-    runs = []
-    for name in estimators:
-        own = Steps(steps.progress, dict(steps.seconds))
-        result = _estimate(name, options, decoded, alignment, flexure, own)
-        result = replace(result, provenance={**origin, "estimator": name})
-        runs.append(LogRun(path, decoded, options.identifier, result, own.seconds))
-    return tuple(runs)
+    return _Prepared(decoded, alignment, flexure, origin)
+
+
+def _finished(ready: _Prepared, name: str, path: Path, options: RunOptions, steps: Steps, with_shape: bool) -> LogRun:
+    """Estimate, find the shape, score; the time of what was shared counts for every estimator."""
+    from stages import estimate
+    from stages.score import score_all
+
+    own, trial = Steps(steps.progress, dict(steps.seconds)), ready.decoded.trial
+    with own.step("estimate"):
+        deformation = estimate.get(name)().estimate(trial, ready.alignment, ready.flexure)
+    deck_shape, trouble = _shape(options.shape, trial, deformation, own) if with_shape else (None, ())
+    with own.step("score"):
+        scoring = score_all(deformation, trial, ready.decoded.truth)
+    warnings = dict.fromkeys([*_warnings(trial, deformation, scoring.scores), *trouble, *scoring.notes])
+    origin = {**ready.origin, "estimator": name}
+    result = Result(deformation, deck_shape, scoring.scores, tuple(warnings), origin)
+    return LogRun(path, ready.decoded, options.identifier, result, own.seconds)
 
 
 def _decode(path: Path, options: RunOptions, report: Callable[[int, int], None]) -> Decoded:
@@ -126,40 +156,26 @@ def _identify(name: str, trial: Trial, alignment: Alignment) -> FlexureModel:
     return identify.get(name)().identify(trial, alignment)
 
 
-def _estimate(
-    name: str, options: RunOptions, decoded: Decoded, alignment: Alignment, flexure: FlexureModel, steps: Steps
-) -> Result:
-    from stages import estimate
-    from stages.score import score_all
-
-    trial = decoded.trial
-    with steps.step("estimate"):
-        deformation = estimate.get(name)().estimate(trial, alignment, flexure)
-    with steps.step("deck shape"):
-        deck_shape, trouble = _shape(options.shape, trial, deformation)
-    with steps.step("score"):
-        scoring = score_all(deformation, trial, decoded.truth)
-    warnings = [*_warnings(trial, alignment, deformation, scoring.scores), *trouble, *scoring.notes]
-    return Result(deformation, deck_shape, scoring.scores, tuple(dict.fromkeys(warnings)), {})
-
-
-def _shape(name: str | None, trial: Trial, deformation: Deformation) -> tuple[DeckShape | None, tuple[str, ...]]:
+def _shape(
+    name: str | None, trial: Trial, deformation: Deformation, steps: Steps
+) -> tuple[DeckShape | None, tuple[str, ...]]:
     """Shape of the deck where a sled was run; a bad sled record leaves the rest of the answer standing."""
     from stages import shape
 
     if trial.sliding is None or trial.sled is None:
         return None, ()
     try:
-        return shape.get(name or shape.names()[0])().shape(trial, deformation), ()
+        with steps.step("deck shape"):
+            return shape.get(name or shape.names()[0])().shape(trial, deformation), ()
     except DataError as error:
         return None, (f"no deck shape: {error}",)
 
 
-def _warnings(trial: Trial, alignment: Alignment, deformation: Deformation, scores: Sequence[Score]) -> tuple[str, ...]:
+def _warnings(trial: Trial, deformation: Deformation, scores: Sequence[Score]) -> tuple[str, ...]:
     """What a person must know before trusting the figures, a sentence each."""
     return (
         *trial.notes,
-        *alignment.notes,
+        *deformation.alignment.notes,
         *_doubts("static angle", static_angle(deformation)),
         *_doubts("time delay", time_delay(deformation)),
         *_flexure_doubts(deformation.flexure),

@@ -80,7 +80,9 @@ def compare_report(runs: Sequence[LogRun], written: Mapping[str, str]) -> list[o
     for run in runs:
         for row in _compared(run):
             table.add_row(*row)
-    notes = [f"{run.result.deformation.estimator}: {note}" for run in runs for note in run.result.warnings]
+    shared = [note for note in runs[0].result.warnings if all(note in run.result.warnings for run in runs)]
+    own = [(run.result.deformation.estimator, note) for run in runs for note in run.result.warnings]
+    notes = [*shared, *(f"{name}: {note}" for name, note in own if note not in shared)]
     lines = [f"wrote       {kind}: {path}" for kind, path in written.items()]
     return [f"{runs[0].path}: {trial.duration:.1f} s, RMSE per axis", table, *warning_lines(notes), *lines]
 

@@ -59,11 +59,12 @@ def write_outputs(run: LogRun, outputs: Outputs, progress: Progress | None = Non
 
 def write_comparison(runs: Sequence[LogRun], outputs: Outputs, progress: Progress | None = None) -> dict[str, str]:
     """One recording with every estimator's curves in it, if it is wanted. Raises DataError."""
-    from stages.publish.rerun_bridge import save_comparison
 
     def write(path: Path) -> None:
+        from stages.publish.recording.comparison import write_comparison as record
+
         decoded = runs[0].decoded
-        save_comparison([run.result for run in runs], decoded.trial, path, truth=decoded.truth, rate=outputs.rrd_rate)
+        record([run.result for run in runs], decoded.trial, decoded.truth, path, outputs.rrd_rate)
 
     with Steps(progress).step("write"):
         return _write_all(outputs.files, {"recording": write}, dict)

@@ -36,7 +36,7 @@ def test_every_weak_value_is_a_warning_with_its_reason():
     doubtful = replace(
         deformation, alignment=replace(deformation.alignment, time_delay=weak), flexure=flexure, parameters={}
     )
-    told = _warnings(made.trial, doubtful.alignment, doubtful, ())
+    told = _warnings(made.trial, doubtful, ())
     assert "time delay not observable: the ship lay still" in told
     assert "flexure, heading z: weak: too short" in told
 
