@@ -66,7 +66,10 @@ class Smoothed:
     P: FloatArray
 
 
-@njit(cache=True)
+FAST = {"reassoc", "contract"}  # sums may be regrouped; NaN keeps its meaning
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _predict(P: FloatArray, rows: IndexArray, cols: IndexArray, values: FloatArray, work: FloatArray) -> None:
     """P <- (I + E) P (I + E)^T."""
     n = P.shape[0]
@@ -93,7 +96,7 @@ def _predict(P: FloatArray, rows: IndexArray, cols: IndexArray, values: FloatArr
             P[j, i] += work[i, j]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _forward(
     e_row: IndexArray,
     e_col: IndexArray,
@@ -172,7 +175,7 @@ def _forward(
     return xs, P_out, nu, S, gain, P, loglik
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _backward(
     e_row: IndexArray,
     e_col: IndexArray,

@@ -80,7 +80,7 @@ def bridge(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> Unit:
     return Unit(axis, spread(gyro), spread(accel), filled)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _exp_quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     angle2 = x * x + y * y + z * z
     if angle2 < 1e-8:  # series: the error of the dropped terms is below 1e-19
@@ -91,7 +91,7 @@ def _exp_quaternion(x: float, y: float, z: float) -> tuple[float, float, float, 
     return s * x, s * y, s * z, np.cos(0.5 * angle)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _rotate(q: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
     tx = 2.0 * (q[1] * z - q[2] * y)
     ty = 2.0 * (q[2] * x - q[0] * z)
@@ -103,7 +103,7 @@ def _rotate(q: FloatArray, x: float, y: float, z: float) -> tuple[float, float, 
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _integrate(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[FloatArray, FloatArray]:
     n = len(t)
     attitude = np.zeros((n, 4))
@@ -139,7 +139,7 @@ def _integrate(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[Floa
     return attitude, velocity
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _multiply(a: FloatArray, bx: float, by: float, bz: float, bw: float, out: FloatArray) -> None:
     x = a[3] * bx + a[0] * bw + a[1] * bz - a[2] * by
     y = a[3] * by - a[0] * bz + a[1] * bw + a[2] * bx
@@ -154,7 +154,7 @@ def strapdown(unit: Unit) -> Strapdown:
     return Strapdown(unit.t, attitude, velocity)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _log_relative(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """Log(A^T B) of quaternions."""
     x = a[3] * b[0] - a[0] * b[3] - a[1] * b[2] + a[2] * b[1]
@@ -168,7 +168,7 @@ def _log_relative(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     out[0], out[1], out[2] = scale * x, scale * y, scale * z
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _interpolate(
     t: FloatArray, attitude: FloatArray, velocity: FloatArray, at: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -215,3 +215,53 @@ def interpolate(path: Strapdown, at: FloatArray) -> Strapdown:
     if len(at) and (at[0] < path.t[0] - 1e-9 or at[-1] > path.t[-1] + 1e-9):
         raise ValueError("instants lie outside the path")
     return Strapdown(at, *_interpolate(path.t, path.attitude, path.velocity, at))
+
+
+@njit(cache=True, nogil=True)
+def _match(
+    a_m: FloatArray, v_m: FloatArray, v_s: FloatArray, index: NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    steps = len(index)
+    A_end = np.zeros((steps, 3, 3))
+    A_mean = np.zeros((steps, 3, 3))
+    u_mean = np.zeros((steps, 3))
+    matrix = np.zeros((3, 3))
+    before = np.zeros((3, 3))
+    u = np.zeros(3)
+    u_before = np.zeros(3)
+    u_end = np.zeros((steps, 3))
+    k = 0
+    for i in range(index[-1] + 1):
+        x, y, z, w = a_m[i, 0], a_m[i, 1], a_m[i, 2], a_m[i, 3]
+        matrix[0, 0], matrix[0, 1], matrix[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
+        matrix[1, 0], matrix[1, 1], matrix[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
+        matrix[2, 0], matrix[2, 1], matrix[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+        for c in range(3):
+            u[c] = 0.0
+            for r in range(3):
+                u[c] += matrix[r, c] * (v_s[i, r] - v_m[i, r])
+        if i > 0:
+            share = 0.5 / (index[k] - index[k - 1])
+            for r in range(3):
+                u_mean[k, r] += share * (u[r] + u_before[r])
+                for c in range(3):
+                    A_mean[k, r, c] += share * (matrix[r, c] + before[r, c])
+        if i == index[k]:
+            A_end[k] = matrix
+            u_end[k] = u
+            if k == 0:
+                A_mean[0] = matrix
+                u_mean[0] = u
+            k += 1
+        before[:] = matrix
+        u_before[:] = u
+    return A_end, A_mean, u_end, u_mean
+
+
+def step_means(
+    main: Strapdown, sub: Strapdown, index: NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Over steps that end at samples ``index`` (N,): A_m at their ends and its mean, both (N, 3, 3); the relative velocity
+    ``A_m^T (V_s - V_m)`` at their ends and its mean, both (N, 3). Means are trapezoidal; step 0 is the first sample.
+    """
+    return _match(main.attitude, main.velocity, sub.velocity, index)

@@ -124,10 +124,8 @@ def fit(
         prior += ((p[0] - 0.5 * p[1]) / PRIOR_SPREAD) ** 2
         return float(np.sum(count * (np.log(S) + data.power / S)) + 0.5 * prior)
 
-    best = min(
-        (_minimise(cost, p0) for p0 in _starts(total, T, noise_prior, start)),
-        key=lambda solution: solution.fun,
-    )
+    starts = _starts(total, T, noise_prior, start)
+    best = min((_minimise(cost, p0, start is None) for p0 in starts), key=lambda solution: solution.fun)
     covariance = _inverse_hessian(cost, best.x)
     mu, stiffness, sigma, noise = np.exp(best.x)
     S = increment_spectrum(data.omega, mu, stiffness, sigma, noise, T)
@@ -145,9 +143,10 @@ def _starts(total: float, T: float, noise: float, start: tuple[float, float, flo
     ]
 
 
-def _minimise(cost, p0):  # type: ignore[no-untyped-def]
-    rough = minimize(cost, p0, method="Nelder-Mead", options={"maxiter": 250, "xatol": 1e-2, "fatol": 1e-2})
-    return minimize(cost, rough.x, method="L-BFGS-B", options={"maxiter": 60})
+def _minimise(cost, p0, search):  # type: ignore[no-untyped-def]
+    if search:
+        p0 = minimize(cost, p0, method="Nelder-Mead", options={"maxiter": 250, "xatol": 1e-2, "fatol": 1e-2}).x
+    return minimize(cost, p0, method="L-BFGS-B", options={"maxiter": 60})
 
 
 def _inverse_hessian(cost, p: FloatArray) -> FloatArray:  # type: ignore[no-untyped-def]

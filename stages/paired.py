@@ -6,13 +6,14 @@ each step of the velocity of the sub-IMU relative to the main one in m-axes, ``u
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from physics import matching
-from physics.rotations import log, skew
+from physics.rotations import skew
 from schemas.errors import DataError
 from schemas.products import Alignment, BoolArray
 from schemas.rig import FloatArray
@@ -72,32 +73,51 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class Observations:
-    """Full rate (n samples) and per step (N steps of ``every`` samples).
+    """Full rate (n samples) and per step (N steps of a fixed number of samples).
 
-    t: (n,) s. good: (n,) bool, measured by both units. Y, A_m: (n,) rotations. rate_s_m: (n, 3) rad/s, sub rate in
-    m-axes at the stamps. index: (N,) sample of each step's end. z: (N, 3) rad. u: (N, 3) m/s mean over the step, NaN
-    where the step has gaps. The remaining arrays are the geometry that the model's matrices are made of.
+    t: (n,) s. good: (n,) bool, measured by both units. main, sub: integrated paths in the inertial frame of the main IMU
+    at the first sample (sub: ``R_0 A_s`` and its velocity). index: (N,) sample of each step's end. dt: (N,) s.
+    jump_s: (N,) s bridged within the step. z: (N, 3) rad at the ends. u: (N, 3) m/s, mean over the step, NaN where it has
+    gaps. A_start, A_end, A_mid: (N, 3, 3) of A_m. omega: (N, 3) rad/s, mean. rate_s_m: (N, 3) rad/s of the sub at the ends,
+    in m-axes. force_i, force_s_m: (N, 3) m/s^2, mean specific force of the sub in i and in m. centred: (N,) s from the middle.
     """
 
     t: FloatArray
     good: BoolArray
-    jump_s: FloatArray
-    Y: Rotation
-    A_m: Rotation
-    rate_s_m: FloatArray
-    increments_s_m: FloatArray
+    main: matching.Strapdown
+    sub: matching.Strapdown
     index: IntArray
     dt: FloatArray
+    jump_s: FloatArray
     z: FloatArray
     u: FloatArray
+    A_start: FloatArray
     A_end: FloatArray
     A_mid: FloatArray
-    A_integral: FloatArray
-    A_start: FloatArray
     omega: FloatArray
+    rate_s_m: FloatArray
     force_i: FloatArray
     force_s_m: FloatArray
     centred: FloatArray
+
+    @property
+    def A_integral(self) -> FloatArray:
+        """(N, 3, 3) s, integral of A_m over each step."""
+        return np.asarray(self.A_mid * self.dt[:, None, None])
+
+    def total(self, d: FloatArray, delay: FloatArray) -> Rotation:
+        """(n,) ``Exp(-A_m^T d + omega_s delay) Y``: R_m_s once drift d (N, 3) and delay (N,), s, are known at the steps."""
+        steps = self.t[self.index]
+        spread = lambda x: np.stack([np.interp(self.t, steps, column) for column in x.T], axis=1)  # noqa: E731
+        A_m = Rotation.from_quat(self.main.attitude)
+        rates = self.rates()
+        correction = rates * np.interp(self.t, steps, delay)[:, None] - A_m.inv().apply(spread(d))
+        return Rotation.from_rotvec(correction) * A_m.inv() * Rotation.from_quat(self.sub.attitude)
+
+    def rates(self) -> FloatArray:
+        """(n, 3) rad/s, rate of the sub in m-axes at the samples; flexure's share, which is small, is interpolated."""
+        steps = self.t[self.index]
+        return np.stack([np.interp(self.t, steps, column) for column in self.rate_s_m.T], axis=1)
 
 
 def _cut_unit(unit: matching.Unit, begin: float, end: float) -> matching.Unit:
@@ -173,15 +193,14 @@ def _sub_filled(sub: matching.Unit, on_sub: FloatArray) -> BoolArray:
     return np.asarray(sub.filled[k] | sub.filled[k - 1])
 
 
-def _jumps(t: FloatArray, bad: BoolArray) -> FloatArray:
-    """(n,) s: at the first good sample after a bridged stretch its length, else 0."""
-    jump = np.zeros(len(t))
-    last_good = -1
-    for k in np.flatnonzero(~bad):
-        if last_good >= 0 and k - last_good > 1:
-            jump[k] = t[k] - t[last_good]
-        last_good = int(k)
-    return jump
+def _jumps(t: FloatArray, bad: BoolArray, index: IntArray) -> FloatArray:
+    """(N,) s: length of the bridged stretches that end within each step."""
+    good = np.flatnonzero(~bad)
+    length = np.zeros(len(t))
+    ends = good[1:][np.diff(good) > 1]
+    length[ends] = t[ends] - t[good[:-1][np.diff(good) > 1]]
+    total = np.concatenate([[0.0], np.cumsum(length)])
+    return np.diff(total[index + 1], prepend=0.0)
 
 
 def observe(paired: Paired, at: Linearisation) -> Observations:
@@ -189,70 +208,85 @@ def observe(paired: Paired, at: Linearisation) -> Observations:
     inside, on_sub = _overlap(paired, at)
     t = paired.main.t[inside]
     sub = matching.interpolate(_corrected_sub(paired, at), on_sub)
-    A_m = Rotation.from_quat(paired.main_path.attitude[inside])
-    A_m = A_m[0].inv() * A_m
-    A_s = Rotation.from_quat(sub.attitude)
-    A_s = A_s[0].inv() * A_s
-    R_0 = Rotation.from_matrix(at.R_0)
-    Y = A_m.inv() * R_0 * A_s
-    start = Rotation.from_quat(paired.main_path.attitude[inside.start]).inv()
-    v_m = start.apply(paired.main_path.velocity[inside] - paired.main_path.velocity[inside.start])
-    start_s = R_0 * Rotation.from_quat(sub.attitude[0]).inv()
-    v_s = start_s.apply(sub.velocity - sub.velocity[0])
+    main = _restarted(
+        matching.Strapdown(t, paired.main_path.attitude[inside], paired.main_path.velocity[inside]), np.eye(3)
+    )
+    sub = _restarted(sub, at.R_0)
     bad = paired.main.filled[inside] | _sub_filled(paired.sub, on_sub)
-    return _per_step(t, bad, A_m, Y, A_m.inv().apply(v_s - v_m), v_m, at)
+    return _per_step(bad, main, sub, paired.main.gyro[inside], at)
+
+
+def _restarted(path: matching.Strapdown, start: FloatArray) -> matching.Strapdown:
+    """The same path with attitude ``start`` (3, 3) and zero velocity at its first instant."""
+    turn = Rotation.from_matrix(start) * Rotation.from_quat(path.attitude[0]).inv()
+    attitude = (turn * Rotation.from_quat(path.attitude)).as_quat()
+    return matching.Strapdown(path.t, attitude, turn.apply(path.velocity - path.velocity[0]))
 
 
 def _per_step(
-    t: FloatArray, bad: BoolArray, A_m: Rotation, Y: Rotation, v: FloatArray, v_m: FloatArray, at: Linearisation
+    bad: BoolArray, main: matching.Strapdown, sub: matching.Strapdown, gyro_m: FloatArray, at: Linearisation
 ) -> Observations:
-    sample = float(np.median(np.diff(t)))
-    step = STEP_S if t[-1] - t[0] <= LONG_RECORD_S else 2 * STEP_S
-    every = max(1, round(step / sample))
-    index = np.arange(0, len(t), every)
-    matrices = A_m.as_matrix()
-    turned = (A_m[:-1].inv() * A_m[1:]).as_rotvec()
-    A_s = A_m * Y
-    turned_s = Y[1:].apply((A_s[:-1].inv() * A_s[1:]).as_rotvec())
-    rate = np.gradient(np.concatenate([[np.zeros(3)], np.cumsum(turned_s, axis=0)]), t, axis=0)
+    t = main.t
+    index = np.arange(0, len(t), _samples_per_step(t))
     dt = np.diff(t[index], prepend=t[0])
-    mean = lambda x: _step_means(x, index)  # noqa: E731
-    omega = (
-        np.concatenate([[np.zeros(3)], np.add.reduceat(turned[: index[-1]], index[:-1])])
-        / np.maximum(dt, 1e-9)[:, None]
-    )
-    A_mean = mean(matrices.reshape(-1, 9)).reshape(-1, 3, 3)
-    A_start = matrices[np.concatenate([[0], index[:-1]])]
-    force_i = np.zeros((len(index), 3))
-    force_i[1:] = np.diff(v_m[index], axis=0) / dt[1:, None]
-    u = mean(v) - _end_correction(v, t, index) - np.cross(omega, at.lever_arm)
-    gap_in_step = np.concatenate([[True], np.add.reduceat(bad[: index[-1]].astype(int), index[:-1]) > 0]) | bad[index]
-    u[gap_in_step] = np.nan
-    z = log((Y[index] * Rotation.from_matrix(at.R_ref).inv()).as_matrix())
+    A_end, A_mid, u_end, u = matching.step_means(main, sub, index)
+    A_mid -= _end_correction(lambda k: Rotation.from_quat(main.attitude[k]).as_matrix(), t, index)
+    u -= _end_correction(lambda k: _relative_velocity(main, sub, k), t, index)
+    omega = _mean_rates(gyro_m, t, index)
+    u -= np.cross(omega, at.lever_arm)
+    u[_with_gaps(bad, index)] = np.nan
+    Y = Rotation.from_quat(main.attitude[index]).inv() * Rotation.from_quat(sub.attitude[index])
+    z = (Y * Rotation.from_matrix(at.R_ref).inv()).as_rotvec()
     z[bad[index]] = np.nan
-    relative = A_m.apply(v)
-    relative_i = np.zeros((len(index), 3))
-    relative_i[1:] = np.diff(relative[index], axis=0) / dt[1:, None]
-    force_i = force_i + relative_i  # what the sub-IMU feels: the lever arm's acceleration is not small beside gravity
-    force_s_m = np.einsum("kji,kj->ki", A_mean, force_i)
+    force_i = np.zeros((len(index), 3))
+    force_i[1:] = np.diff(sub.velocity[index], axis=0) / dt[1:, None]
     return Observations(
-        t=t, good=~bad, jump_s=_jumps(t, bad), Y=Y, A_m=A_m, rate_s_m=rate, increments_s_m=turned_s, index=index, dt=dt, z=z, u=u,
-        A_end=matrices[index], A_mid=A_mean, A_integral=A_mean * dt[:, None, None], A_start=A_start, omega=omega,
-        force_i=force_i, force_s_m=force_s_m, centred=t[index] - 0.5 * (t[0] + t[-1]),
+        t=t, good=~bad, main=main, sub=sub, index=index, dt=dt, jump_s=_jumps(t, bad, index), z=z, u=u,
+        A_start=np.concatenate([A_end[:1], A_end[:-1]]), A_end=A_end, A_mid=A_mid, omega=omega,
+        rate_s_m=_rates_at(sub, main, index), force_i=force_i, force_s_m=np.einsum("kji,kj->ki", A_mid, force_i),
+        centred=t[index] - 0.5 * (t[0] + t[-1]),
     )  # fmt: skip
 
 
-def _end_correction(x: FloatArray, t: FloatArray, index: IntArray) -> FloatArray:
-    """What trapezoid means over the steps lack, by Euler and Maclaurin: h^2/12 (x'(end) - x'(start)) / dt."""
-    slope = np.gradient(x, t, axis=0)[index]
+def _samples_per_step(t: FloatArray) -> int:
+    step = STEP_S if t[-1] - t[0] <= LONG_RECORD_S else 2 * STEP_S
+    return max(1, round(step / float(np.median(np.diff(t)))))
+
+
+def _relative_velocity(main: matching.Strapdown, sub: matching.Strapdown, k: IntArray) -> FloatArray:
+    return np.asarray(Rotation.from_quat(main.attitude[k]).inv().apply(sub.velocity[k] - main.velocity[k]))
+
+
+def _mean_rates(gyro: FloatArray, t: FloatArray, index: IntArray) -> FloatArray:
+    """Mean body rate over the steps; a rotation vector exceeds the integral of the rate by the coning within the sample."""
+    turned = gyro[1:] * np.diff(t)[:, None]
+    angle = turned - np.cross(np.concatenate([turned[:1], turned[:-1]]), turned) / 12.0
+    omega = np.zeros((len(index), 3))
+    omega[1:] = np.add.reduceat(angle[: index[-1]], index[:-1]) / np.diff(t[index])[:, None]
+    return omega
+
+
+def _rates_at(sub: matching.Strapdown, main: matching.Strapdown, index: IntArray) -> FloatArray:
+    """(N, 3) rad/s, rate of the sub in m-axes at samples ``index``, from its neighbours."""
+    after, before = np.minimum(index + 1, len(sub.t) - 1), np.maximum(index - 1, 0)
+    A_after, A_before = Rotation.from_quat(sub.attitude[after]), Rotation.from_quat(sub.attitude[before])
+    turned_i = (A_after * A_before.inv()).as_rotvec() / (sub.t[after] - sub.t[before])[:, None]
+    return np.asarray(Rotation.from_quat(main.attitude[index]).inv().apply(turned_i))
+
+
+def _with_gaps(bad: BoolArray, index: IntArray) -> BoolArray:
+    """(N,) steps that hold a bridged sample."""
+    within = np.add.reduceat(bad[: index[-1]].astype(int), index[:-1]) > 0
+    return np.asarray(np.concatenate([[True], within]) | bad[index])
+
+
+def _end_correction(at: Callable[[IntArray], FloatArray], t: FloatArray, index: IntArray) -> FloatArray:
+    """What trapezoid means of ``at`` (samples) exceed the true ones by, by Euler and Maclaurin: h^2/12 (x'(end) - x'(start))/dt."""
+    after, before = np.minimum(index + 1, len(t) - 1), np.maximum(index - 1, 0)
+    high, low = at(after), at(before)
+    column = (-1, *[1] * (high.ndim - 1))
+    slope = (high - low) / (t[after] - t[before]).reshape(column)
     h = (t[-1] - t[0]) / (len(t) - 1)
-    out = np.zeros((len(index), x.shape[1]))
-    out[1:] = h * h / 12.0 * np.diff(slope, axis=0) / np.diff(t[index])[:, None]
+    out = np.zeros_like(slope)
+    out[1:] = h * h / 12.0 * np.diff(slope, axis=0) / np.diff(t[index]).reshape(column)
     return out
-
-
-def _step_means(x: FloatArray, index: IntArray) -> FloatArray:
-    """Trapezoid means (N, c) over the steps; the first is the first sample."""
-    pairs = 0.5 * (x[:-1] + x[1:])[: index[-1]]
-    sums = np.add.reduceat(pairs, index[:-1], axis=0)
-    return np.concatenate([x[:1], sums / np.diff(index)[:, None]])

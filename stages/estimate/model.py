@@ -154,7 +154,7 @@ def _flexure_rows(E: _Pattern, obs: Observations, noise: Noise) -> None:
     """zeta and theta': theta = zeta - Phi - A_m^T d + omega_s delay stepped on, and put back."""
     A_T = np.swapaxes(obs.A_end, 1, 2)
     before = np.concatenate([A_T[:1], A_T[:-1]])
-    rate = obs.rate_s_m[obs.index]
+    rate = obs.rate_s_m
     rate_before = np.concatenate([rate[:1], rate[:-1]])
     centred_before = np.concatenate([obs.centred[:1], obs.centred[:-1]])
     on_eps = A_T @ obs.A_integral
@@ -185,7 +185,7 @@ def _scale_rows(E: _Pattern, first: int, on_eps: FloatArray, omega: FloatArray) 
 
 def _process(obs: Observations, noise: Noise):  # type: ignore[no-untyped-def]
     Q = _Pattern(len(obs.dt))
-    extra = _gap_variance(_step_jumps(obs), noise)
+    extra = _gap_variance(obs.jump_s, noise)
     A_T = np.swapaxes(obs.A_end, 1, 2)
     drift = np.einsum("kij,j,klj->kil", obs.A_mid, noise.gyro**2, obs.A_mid) * obs.dt[:, None, None]
     drift = drift + extra[:, None, None] * np.eye(3)
@@ -200,20 +200,13 @@ def _process(obs: Observations, noise: Noise):  # type: ignore[no-untyped-def]
             Q.add(PHI_DOT + axis, PHI_DOT + axis, noise.quasi_static**2 * obs.dt)
         Q.add(EPS + axis, EPS + axis, noise.gyro_walk**2 * obs.dt)
         Q.add(NABLA + axis, NABLA + axis, noise.accel_walk**2 * obs.dt)
-        Q.add(V + axis, V + axis, noise.accel**2 * obs.dt + (2.0 * _step_jumps(obs)) ** 2)
+        Q.add(V + axis, V + axis, noise.accel**2 * obs.dt + (2.0 * obs.jump_s) ** 2)
         for other in range(3):
             Q.add(ZETA + axis, D + other, seen[:, axis, other])
             if other >= axis:
                 Q.add(ZETA + axis, ZETA + other, shown[:, axis, other])
                 Q.add(D + axis, D + other, drift[:, axis, other])
     return Q.arrays()
-
-
-def _step_jumps(obs: Observations) -> FloatArray:
-    """(N,) s bridged within each step."""
-    total = np.concatenate([[0.0], np.cumsum(obs.jump_s)])
-    ends = total[obs.index + 1]
-    return np.diff(ends, prepend=0.0)
 
 
 def _gap_variance(jump: FloatArray, noise: Noise) -> FloatArray:
@@ -232,7 +225,7 @@ def _measurements(obs: Observations, noise: Noise, coupling: FloatArray):  # typ
     N = len(obs.dt)
     columns = np.zeros((6, 26), dtype=np.int64)
     rows = np.zeros((N, 6, 26))
-    rate = obs.rate_s_m[obs.index]
+    rate = obs.rate_s_m
     for i in range(3):
         columns[i, 0] = ZETA + i
         rows[:, i, 0] = 1.0

@@ -24,7 +24,6 @@ CHANNELS = (
     "attitude x", "attitude y", "attitude z", "relative velocity x", "relative velocity y", "relative velocity z",
 )  # fmt: skip
 WEAK_SHARE = 0.7  # of the prior sigma: a parameter that kept more than this was not really seen
-GYROS_ONLY = 1.0  # m/s: a velocity noise beyond it leaves the accelerometers no weight
 
 
 class Smoother:
@@ -95,8 +94,9 @@ def _covariance(solution: Solution, P: FloatArray) -> FloatArray:
         for j in range(i, 5):
             at_full_rate[:, i, j] = at_full_rate[:, j, i] = np.interp(t, steps, P[:, i, j])
     J = np.empty((len(t), 3, 5))
-    J[:, :, :3] = -np.swapaxes(obs.A_m[obs.good].as_matrix(), 1, 2)
-    J[:, :, 3] = obs.rate_s_m[obs.good]
+    A_m = Rotation.from_quat(obs.main.attitude[obs.good]).as_matrix()
+    J[:, :, :3] = -np.swapaxes(A_m, 1, 2)
+    J[:, :, 3] = obs.rates()[obs.good]
     J[:, :, 4] = J[:, :, 3] * (t - 0.5 * (obs.t[0] + obs.t[-1]))[:, None]
     full = J @ at_full_rate @ np.swapaxes(J, 1, 2)
     return np.asarray(0.5 * (full + np.swapaxes(full, 1, 2)))

@@ -5,6 +5,7 @@ The first rounds run on a piece of a long record, to find noise levels and lever
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,11 +23,11 @@ from stages.paired import Linearisation, Observations, Paired, observe, pair
 
 PILOT_S = 1200.0  # s of record on which noise levels are found first
 PILOT_ROUNDS = 5
-FINAL_ROUNDS = 2
 LONG_S = 900.0  # s: shorter records cannot show quasi-static bending
 QUASI_STATIC = np.array([1e-5, 1e-4, 1e-3]) * np.pi / 10800.0  # rad/s^1.5, candidates
 QUASI_STATIC_NATS = 4.0  # by how much the likelihood must gain
 DISAGREEMENT = 16.3  # chi-square with 3 degrees of freedom, 0.1 %
+HOPELESS = 1.0  # m/s: beyond it the accelerometers are left out
 WEAKER = 3.0  # factor on the velocity noise when the accelerometers disagree
 RESOLVED = 1e-4  # smoothed over filtered variance below which P - P Lambda P has lost its digits
 
@@ -52,29 +53,23 @@ class Solution:
 
 
 def total_rotation(obs: Observations, x: FloatArray) -> Rotation:
-    """R_m_s at full rate from means (N, len(OUT)) of d, delay and drift at the steps: Exp(-A_m^T d + omega_s delay) Y."""
-    steps = obs.t[obs.index]
-    d = np.stack([np.interp(obs.t, steps, x[:, i]) for i in range(3)], axis=1)
-    centred = obs.t - 0.5 * (obs.t[0] + obs.t[-1])
-    delay = np.interp(obs.t, steps, x[:, 3]) + np.interp(obs.t, steps, x[:, 4]) * centred
-    return Rotation.from_rotvec(obs.rate_s_m * delay[:, None] - obs.A_m.inv().apply(d)) * obs.Y
+    """(n,) R_m_s at full rate from means (N, len(OUT)) of d, delay and drift at the steps."""
+    return obs.total(x[:, :3], x[:, 3] + x[:, 4] * obs.centred)
 
 
 def solve(trial: Trial, alignment: Alignment, flexure: FlexureModel) -> Solution:
     """The smoothed solution of a trial. Raises DataError when the units hardly overlap."""
     paired = pair(trial)
+    pilot = _piece(paired)
+    job = Job(trial, alignment)
     at = Linearisation.at(alignment, trial.rig.lever_arm)
     noise = tuning.initial(alignment, flexure, trial.rig)
-    solution = None
-    pilot = _piece(paired)
     for _ in range(PILOT_ROUNDS):
-        solution = _round(pilot, trial, alignment, at, noise, flexure)
-        at, noise, flexure = _next(trial, solution)
-    for _ in range(FINAL_ROUNDS):
-        solution = _round(paired, trial, alignment, at, noise, flexure)
-        at, noise, flexure = _next(trial, solution)
-        noise = _choose_quasi_static(solution, noise, alignment, trial)
-    return _settle(paired, trial, alignment, at, noise, flexure)
+        at, noise, flexure = job.after(job.round(observe(pilot, at), at, noise, flexure))
+    solution = job.round(observe(paired, at), at, noise, flexure)
+    at, noise, flexure = job.after(solution)
+    noise = job.quasi_static(solution, noise)
+    return job.settle(observe(paired, at), at, noise, flexure)
 
 
 def _piece(paired: Paired) -> Paired:
@@ -86,67 +81,96 @@ def _piece(paired: Paired) -> Paired:
     return paired.between(middle - 0.5 * PILOT_S, middle + 0.5 * PILOT_S)
 
 
-def prior_mean(trial: Trial, alignment: Alignment, at: Linearisation) -> FloatArray:
-    """(SIZE,) prior mean of the corrections: the alignment, the rig and zero errors, seen from the linearisation."""
-    x0 = np.zeros(m.SIZE)
-    x0[m.PHI : m.PHI + 3] = _log(alignment.rotation @ at.R_ref.T)
-    x0[m.D : m.D + 3] = _log(at.R_0 @ alignment.rotation.T)
-    x0[m.EPS : m.EPS + 3] = -at.R_ref @ at.gyro_bias
-    x0[m.DELAY] = float(alignment.time_delay.value) - at.delay
-    x0[m.DRIFT] = -at.drift
-    stated = np.zeros(3) if trial.rig.lever_arm is None else trial.rig.lever_arm
-    x0[m.R : m.R + 3] = stated - at.lever_arm
-    x0[m.M : m.M + 9] = -(at.R_ref @ at.scale @ at.R_ref.T).ravel()
-    return x0
+@dataclass(frozen=True)
+class Job:
+    """What stays the same from round to round."""
 
+    trial: Trial
+    alignment: Alignment
 
-def build(trial: Trial, alignment: Alignment, at: Linearisation, noise: m.Noise, obs: Observations) -> SparseModel:
-    """The model about a linearisation, its prior centred on the alignment."""
-    x0 = prior_mean(trial, alignment, at)
-    return m.build(obs, noise, at.coupling, m.zeta_map(obs) @ x0)
+    def prior_mean(self, at: Linearisation) -> FloatArray:
+        """(SIZE,) prior mean of the corrections: the alignment, the rig and zero errors, seen from the linearisation."""
+        x0 = np.zeros(m.SIZE)
+        x0[m.PHI : m.PHI + 3] = _log(self.alignment.rotation @ at.R_ref.T)
+        x0[m.D : m.D + 3] = _log(at.R_0 @ self.alignment.rotation.T)
+        x0[m.EPS : m.EPS + 3] = -at.R_ref @ at.gyro_bias
+        x0[m.DELAY] = float(self.alignment.time_delay.value) - at.delay
+        x0[m.DRIFT] = -at.drift
+        stated = self.trial.rig.lever_arm
+        x0[m.R : m.R + 3] = (np.zeros(3) if stated is None else stated) - at.lever_arm
+        x0[m.M : m.M + 9] = -(at.R_ref @ at.scale @ at.R_ref.T).ravel()
+        return x0
 
+    def model(self, obs: Observations, at: Linearisation, noise: m.Noise) -> SparseModel:
+        """The model about a linearisation, its prior centred on the alignment."""
+        return m.build(obs, noise, at.coupling, m.zeta_map(obs) @ self.prior_mean(at))
 
-def _round(
-    paired: Paired, trial: Trial, alignment: Alignment, at: Linearisation, noise: m.Noise, flexure: FlexureModel
-) -> Solution:
-    obs = observe(paired, at)
-    size = max(float(np.linalg.norm(at.lever_arm)), 1.0)
-    noise = replace(noise, coupling_prior=tuning.COUPLING_SHARE * size)
-    model = build(trial, alignment, at, noise, obs)
-    filtered = run_filter(model, OUT)
-    smoothed = _resolved(filtered, run_smoother(model, filtered))
-    solution = Solution(at, noise, obs, model, filtered, smoothed, flexure)
-    return replace(solution, flexure=fit_flexure(obs.t, solution.total, obs.good, trial.rig, flexure))
+    def round(
+        self, obs: Observations, at: Linearisation, noise: m.Noise, flexure: FlexureModel, identify: bool = True
+    ) -> Solution:
+        """Filter and smooth about one linearisation; identify the flexure in what comes out."""
+        size = max(float(np.linalg.norm(at.lever_arm)), 1.0)
+        noise = replace(noise, coupling_prior=tuning.COUPLING_SHARE * size)
+        model = self.model(obs, at, noise)
+        filtered = run_filter(model, OUT)
+        smoothed = _resolved(filtered, run_smoother(model, filtered))
+        solution = Solution(at, noise, obs, model, filtered, smoothed, flexure)
+        if not identify:
+            return solution
+        return replace(solution, flexure=fit_flexure(obs.t, solution.total, obs.good, self.trial.rig, flexure))
+
+    def after(self, solution: Solution) -> tuple[Linearisation, m.Noise, FlexureModel]:
+        """The next linearisation, tuned noise and flexure after one round."""
+        x, P = solution.filtered.x[-1], np.diag(solution.filtered.P_last)
+        innovation, variance = solution.filtered.innovation[:, 3:], solution.filtered.innovation_variance[:, 3:]
+        noise = tuning.with_velocity(solution.noise, innovation, variance)
+        eps, nabla = slice(m.EPS, m.EPS + 3), slice(m.NABLA, m.NABLA + 3)
+        gyro_bias = solution.at.R_ref @ solution.at.gyro_bias + x[eps]
+        noise = tuning.with_biases(noise, self.trial.rig, (gyro_bias, np.sqrt(P[eps])), (x[nabla], np.sqrt(P[nabla])))
+        return _relinearised(solution, x), tuning.with_flexure(noise, solution.flexure), solution.flexure
+
+    def quasi_static(self, solution: Solution, noise: m.Noise) -> m.Noise:
+        """The density of slow bending that the record makes most likely, none if it does not ask for any."""
+        obs = solution.obs
+        if obs.t[-1] - obs.t[0] < LONG_S:
+            return noise
+
+        def likelihood(density: float) -> float:
+            model = self.model(obs, solution.at, replace(solution.noise, quasi_static=density))
+            return run_filter(model, OUT, keep=False).log_likelihood
+
+        candidates = [0.0, *(float(q) for q in QUASI_STATIC)]
+        with ThreadPoolExecutor(2) as pool:
+            gain = list(pool.map(likelihood, candidates))
+        best = max(range(len(candidates)), key=lambda i: gain[i] - (QUASI_STATIC_NATS if i else 0.0))
+        return replace(noise, quasi_static=candidates[best])
+
+    def settle(self, obs: Observations, at: Linearisation, noise: m.Noise, flexure: FlexureModel) -> Solution:
+        """The last round; the accelerometers keep their weight only while they agree with the gyros."""
+        with ThreadPoolExecutor(2) as pool:
+            alone = pool.submit(self.round, obs, at, replace(noise, use_velocity=False), flexure, False)
+            solution = self.round(obs, at, noise, flexure, False)
+            gyros = alone.result()
+        while disagreement(solution, gyros) > DISAGREEMENT:
+            if np.max(noise.velocity) > HOPELESS:
+                return gyros
+            noise = replace(noise, velocity=WEAKER * noise.velocity)
+            solution = self.round(obs, at, noise, flexure, False)
+        return solution
 
 
 def _resolved(filtered: Filtered, smoothed: Smoothed) -> Smoothed:
     """Hold the covariance at the start where the filter knew so little that the smoothed one has lost its digits."""
     own = np.stack([filtered.P_out[:, a, state] for a, state in enumerate(OUT)], axis=1)
     share = np.diagonal(smoothed.P, axis1=1, axis2=2) / np.maximum(own, 1e-300)
-    poor = (share < RESOLVED).any(axis=1) & (own > 0).all(axis=1)
+    poor = (share < RESOLVED).any(axis=1)
     first = int(np.argmin(poor)) if not poor.all() else 0
     P = smoothed.P.copy()
     P[:first] = P[first]
     return Smoothed(smoothed.x, P)
 
 
-def _next(trial: Trial, solution: Solution) -> tuple[Linearisation, m.Noise, FlexureModel]:
-    """The next linearisation, tuned noise and flexure after one round."""
-    x, P = solution.filtered.x[-1], np.diag(solution.filtered.P_last)
-    innovation = solution.filtered.innovation[:, 3:]
-    noise = tuning.with_velocity(solution.noise, innovation, solution.filtered.innovation_variance[:, 3:])
-    R_m_s = solution.at.R_ref
-    eps = R_m_s @ solution.at.gyro_bias + x[m.EPS : m.EPS + 3]
-    noise = tuning.with_biases(
-        noise,
-        trial.rig,
-        (eps, np.sqrt(P[m.EPS : m.EPS + 3])),
-        (x[m.NABLA : m.NABLA + 3], np.sqrt(P[m.NABLA : m.NABLA + 3])),
-    )
-    return _relinearise(solution, x), tuning.with_flexure(noise, solution.flexure), solution.flexure
-
-
-def _relinearise(solution: Solution, x: FloatArray) -> Linearisation:
+def _relinearised(solution: Solution, x: FloatArray) -> Linearisation:
     at, s = solution.at, solution.smoothed.x
     middle = len(s) // 2
     lever = at.lever_arm + x[m.R : m.R + 3]
@@ -161,33 +185,6 @@ def _relinearise(solution: Solution, x: FloatArray) -> Linearisation:
         gyro_bias=at.gyro_bias + turn @ x[m.EPS : m.EPS + 3],
         scale=at.scale + turn @ x[m.M : m.M + 9].reshape(3, 3) @ at.R_ref,
     )
-
-
-def _choose_quasi_static(solution: Solution, noise: m.Noise, alignment: Alignment, trial: Trial) -> m.Noise:
-    """The density of slow bending that the record makes most likely, none if it does not ask for any."""
-    if solution.obs.t[-1] - solution.obs.t[0] < LONG_S:
-        return noise
-    likelihood = {}
-    for candidate in (0.0, *QUASI_STATIC):
-        trying = replace(noise, quasi_static=float(candidate))
-        model = build(trial, alignment, solution.at, trying, solution.obs)
-        likelihood[float(candidate)] = run_filter(model, OUT, keep=False).log_likelihood
-    best = max(likelihood, key=lambda q: likelihood[q] - (QUASI_STATIC_NATS if q > 0.0 else 0.0))
-    return replace(noise, quasi_static=best)
-
-
-def _settle(
-    paired: Paired, trial: Trial, alignment: Alignment, at: Linearisation, noise: m.Noise, flexure: FlexureModel
-) -> Solution:
-    """The last round; the accelerometers keep their weight only while they agree with the gyros."""
-    gyros = _round(paired, trial, alignment, at, replace(noise, use_velocity=False), flexure)
-    while True:
-        solution = _round(paired, trial, alignment, at, noise, flexure)
-        if disagreement(solution, gyros) < DISAGREEMENT:
-            return solution
-        if np.max(noise.velocity) > 1.0:
-            return gyros
-        noise = replace(noise, velocity=WEAKER * noise.velocity)
 
 
 def disagreement(solution: Solution, gyros: Solution) -> float:

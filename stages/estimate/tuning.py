@@ -29,7 +29,8 @@ FINE_ACCEL_BIAS = 100 * MICRO_G
 FINE_ACCEL_NOISE = 2e-4  # (m/s)/sqrt(s)
 GRADE_EXPONENT = 0.8  # from a fibre gyro (0.001 deg/sqrt(h), 5 ppm) to a MEMS (0.3 deg/sqrt(h), 0.3 %)
 VELOCITY_START = 5e-3  # m/s per step; the fit anneals from here
-VELOCITY_FLOOR = 2e-5
+VELOCITY_FLOOR = 1e-4  # m/s: what interpolation and the means over a step leave
+CLIP, CLIPPED_MEAN = 3.0, 0.987  # sigma; mean of min(chi-square, 9) with one degree of freedom
 PRIOR_WEIGHT = 1.0  # degrees of freedom of the grade's figure against the three biases found
 
 
@@ -101,9 +102,10 @@ def with_velocity(noise: Noise, innovation: FloatArray, variance: FloatArray) ->
     seen = np.isfinite(innovation).all(axis=1)
     if seen.sum() < 20:
         return noise
-    # The median is deaf to slamming and other rare events; 0.455 is the median of chi-square with one degree.
-    ratio = np.median(innovation[seen] ** 2 / variance[seen], axis=0) / 0.455
-    excess = np.median(innovation[seen] ** 2, axis=0) / 0.455 - np.median(variance[seen], axis=0)
-    target = np.sqrt(np.maximum(noise.velocity**2 + excess, (0.25 * noise.velocity) ** 2))
-    scaled = np.where(ratio > 1.0, np.minimum(target, 10.0 * noise.velocity), target)
+    # Clipped at three sigma, so that slamming and other rare events do not decide.
+    ratio = np.mean(np.minimum(innovation[seen] ** 2 / variance[seen], CLIP**2), axis=0) / CLIPPED_MEAN
+    target = np.sqrt(
+        np.maximum(noise.velocity**2 + (ratio - 1.0) * np.median(variance[seen], axis=0), (0.25 * noise.velocity) ** 2)
+    )
+    scaled = np.minimum(target, 10.0 * noise.velocity)
     return replace(noise, velocity=np.maximum(scaled, VELOCITY_FLOOR))

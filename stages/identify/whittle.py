@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from schemas.products import Alignment, FlexureModel
 from schemas.rig import FloatArray
@@ -30,8 +29,7 @@ class Whittle:
     def identify(self, trial: Trial, alignment: Alignment) -> FlexureModel:
         """Flexure model of a trial; DataError when the units hardly overlap."""
         obs = observe(pair(trial), Linearisation.at(alignment))
-        drift = np.stack([np.interp(obs.t, obs.t[obs.index], column) for column in _fitted_drift(obs).T], axis=1)
-        total = Rotation.from_rotvec(-obs.A_m.inv().apply(drift)) * obs.Y
+        total = obs.total(_fitted_drift(obs), np.zeros(len(obs.dt)))
         return fit_flexure(obs.t, total, obs.good, trial.rig)
 
 
