@@ -51,7 +51,7 @@ def tab(scene: Scene) -> rrb.Container:
     if scene.trial.gnss is not None:
         side.append(rrb.MapView(origin="track", name="GNSS track", zoom=track_zoom(scene.trial.gnss)))
     side.append(rrb.TextDocumentView(origin="summary", name="Summary"))
-    shares = [3.0, 1.7, 3.5] if len(side) == 3 else [1.0, 1.0]
+    shares = [3.3, 1.7, 3.3] if len(side) == 3 else [1.0, 1.0]
     return rrb.Horizontal(
         rrb.Vertical(*rows),
         rrb.Vertical(*side, row_shares=shares),  # type: ignore[arg-type]
@@ -103,11 +103,11 @@ def _log_reference(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
 def _log_error(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
     colour, who = REFERENCE_COLOURS[score.reference], REFERENCE_NAMES[score.reference]
     stamp, error = thin_extremes(score.stamp, score.error / ARCMIN, stride(score.stamp, scene.rate))
-    send_axes(rec, f"error/{score.reference}", stamp, scene.trial.epoch, error, f"estimate − {who}", colour)
+    send_axes(rec, f"error/{score.reference}", stamp, scene.trial.epoch, error, f"against {who}", colour)
     slow = stride(score.stamp, SLOW_RATE)
     stamp, running = score.stamp[::slow], running_rmse(score.error)[::slow] / ARCMIN
     entity, tint = f"running_rmse/{score.reference}", RMSE_COLOURS[score.reference]
-    send_axes(rec, entity, stamp, scene.trial.epoch, running, f"RMSE so far, {who}", tint, 2.5)
+    send_axes(rec, entity, stamp, scene.trial.epoch, running, f"RMSE, {who}", tint, 2.5)
 
 
 def running_rmse(error: FloatArray) -> FloatArray:
@@ -117,10 +117,10 @@ def running_rmse(error: FloatArray) -> FloatArray:
 
 
 def track_zoom(fixes: GnssSeries) -> float:
-    """Map zoom at which the whole track fits: a view shows about 1.5 tiles of 360 deg / 2^zoom."""
+    """Map zoom at which the whole track fits: a small view shows little more than half a tile of 360 deg / 2^zoom."""
     width = float(np.ptp(fixes.longitude)) / DEG if len(fixes.stamp) else 0.0
     height = float(np.ptp(fixes.latitude) / np.cos(np.mean(fixes.latitude))) / DEG if len(fixes.stamp) else 0.0
-    return float(np.clip(np.log2(360.0 / max(width, 1.6 * height, 1e-4)), 1.0, 18.0))
+    return float(np.clip(np.log2(220.0 / max(width, 1.6 * height, 1e-4)), 1.0, 18.0))
 
 
 def _log_track(rec: rr.RecordingStream, scene: Scene) -> None:

@@ -167,7 +167,7 @@ def view(scene: Scene) -> rrb.Spatial3DView:
     middle, reach = 0.5 * (low + high), float(high[1] - low[1])
     eye = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=middle + reach * np.array([0.62, -0.4, 0.5]),
+        position=middle + reach * np.array([0.5, -0.34, 0.42]),
         look_target=middle,
         eye_up=[0.0, 0.0, 1.0],
     )
