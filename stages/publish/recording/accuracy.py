@@ -88,7 +88,7 @@ def windowed_rms(stamp: IntArray, error: FloatArray, window: float) -> tuple[Int
 
 def _log_lanes(rec: rr.RecordingStream, scene: Scene) -> None:
     for name, stamp in channel_stamps(scene.trial).items():
-        at, states = data_lane(stamp)
+        at, states = data_lane(stamp, "" if name == "sliding" else GAP)  # between runs the sled rightly rests
         send_states(rec, f"lanes/{name}", at, scene.trial.epoch, states, {k: LANE_COLOURS[k] for k in (DATA, GAP)})
     at, states = data_lane(scene.deformation.stamp)
     send_states(rec, "lanes/estimate", at, scene.trial.epoch, states, {k: LANE_COLOURS[k] for k in (DATA, GAP)})
@@ -112,12 +112,12 @@ def channel_stamps(trial: Trial) -> dict[str, IntArray]:
     return {name: unit.stamp for name, unit in units.items() if unit is not None and len(unit)}
 
 
-def data_lane(stamp: IntArray) -> tuple[IntArray, list[str]]:
-    """Stamps and states: data from the first sample, gap where samples stop, nothing after the last."""
+def data_lane(stamp: IntArray, pause: str = GAP) -> tuple[IntArray, list[str]]:
+    """Stamps and states: data from the first sample, ``pause`` where samples stop, nothing after the last."""
     gaps = gap_starts(stamp)
     inner = np.stack([stamp[gaps], stamp[gaps + 1]], axis=1).ravel()
     at = np.concatenate([stamp[:1], inner, stamp[-1:]]).astype(np.int64)
-    return at, [DATA, *([GAP, DATA] * len(gaps)), ""]
+    return at, [DATA, *([pause, DATA] * len(gaps)), ""]
 
 
 def phase_lane(phases: FloatArray, span: tuple[float, float]) -> tuple[FloatArray, list[str]]:

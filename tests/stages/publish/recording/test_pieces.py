@@ -65,6 +65,7 @@ def test_lanes_of_data_and_phases():
     at, states = data_lane(np.array([0, 1, 2, 9, 10], dtype=np.int64))
     assert list(at) == [0, 2, 9, 10]
     assert states == ["data", "gap", "data", ""]
+    assert data_lane(np.array([0, 1, 2, 9, 10], dtype=np.int64), "")[1] == ["data", "", "data", ""]
     times, states = phase_lane(np.array([[10.0, 20.0]]), (0.0, 30.0))
     assert list(times) == [0.0, 10.0, 20.0, 30.0]
     assert states == ["under way", "lying still", "under way", ""]
