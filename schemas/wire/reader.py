@@ -21,7 +21,7 @@ from schemas.wire.definitions import full_name, parse
 from schemas.wire.records import FRAME_SIZE, MESSAGE_BODY, RecordError, message_heads, parse_record
 from schemas.wire.table import Attachment, ChannelInfo, Log, Table
 
-BATCH = 1 << 23  # bytes of messages taken at a time
+BATCH = 1 << 22  # bytes of messages taken at a time
 _PAYLOAD = FRAME_SIZE + MESSAGE_BODY
 Progress = Callable[[int, int], None]
 Sink = Callable[[mcap.Channel, mcap.Schema | None, Messages], None]

@@ -20,7 +20,8 @@ class Table:
     """All messages of one topic, a row each, in the order of the log.
 
     columns: keyed by dotted leaf path. Scalars are (n,), fixed arrays (n, k), stamps and durations (n,) int64 ns,
-    strings and sequences of varying length (n,) objects. log_time, publish_time: (n,) int64 ns. sequence: (n,) uint32.
+    strings and sequences of varying length (n,) objects. A column whose rows are all alike may be a read-only broadcast
+    of one row. log_time, publish_time: (n,) int64 ns. sequence: (n,) uint32.
     """
 
     topic: str
