@@ -98,6 +98,8 @@ def run_estimators(
         return tuple(_finished(ready, name, path, options, steps, with_shape) for name in estimators)
     except DataError as error:
         raise error.located(file=path) from error
+    except np.linalg.LinAlgError as error:
+        raise DataError(f"the data do not determine a solution ({error})", file=path) from error
 
 
 @dataclass(frozen=True)
