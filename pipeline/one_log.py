@@ -193,8 +193,12 @@ def _doubts(what: str, estimate: Estimate) -> tuple[str, ...]:
 
 
 def _flexure_doubts(flexure: FlexureModel) -> tuple[str, ...]:
-    axes = zip(AXES, flexure.status, flexure.reason, strict=True)
-    return tuple(f"flexure, {axis}: {_judged(s, why)}" for axis, s, why in axes if s is not Status.ESTIMATED)
+    """One sentence for all axes that share a status and its reason."""
+    judged: dict[str, list[str]] = {}
+    for axis, status, why in zip(AXES, flexure.status, flexure.reason, strict=True):
+        if status is not Status.ESTIMATED:
+            judged.setdefault(_judged(status, why), []).append(axis)
+    return tuple(f"flexure, {', '.join(axes)}: {sentence}" for sentence, axes in judged.items())
 
 
 def _judged(status: Status, why: str) -> str:

@@ -48,7 +48,7 @@ def angle_table(run: LogRun) -> Table:
     deformation = run.result.deformation
     scores = run.result.scores
     columns = ["static angle [′]", "flexure σ [′]", "μ [1/s]", "λ [rad/s]", "predicted σ [′]"]
-    table = plain_table("axis", *columns, *(f"RMSE vs {score.reference} [′]" for score in scores))
+    table = plain_table("axis", *columns, *(_rmse_heading(score) for score in scores))
     sigma = np.sqrt(np.nanmean(np.diagonal(deformation.covariance, axis1=1, axis2=2), axis=0))
     for axis, name in enumerate(AXES):
         table.add_row(
@@ -121,9 +121,15 @@ def _flexure_cells(model: FlexureModel, axis: int) -> tuple[str, str, str]:
     return f"{angle(model.std[axis])}{mark}", f"{model.damping[axis]:.4f}{mark}", f"{model.frequency[axis]:.4f}{mark}"
 
 
+def _rmse_heading(score: Score) -> str:
+    noisy = " (its noise)" if (score.reference_noise > 0).any() else ""
+    return f"RMSE vs {score.reference}{noisy} [′]"
+
+
 def _rmse(score: Score, axis: int) -> str:
+    """RMSE and, in brackets, the part of it that the reference's own noise explains."""
     noise = score.reference_noise[axis]
-    return f"{angle(score.rmse[axis])} ({angle(noise)} its own)" if noise > 0 else angle(score.rmse[axis])
+    return f"{angle(score.rmse[axis])} ({angle(noise)})" if noise > 0 else angle(score.rmse[axis])
 
 
 def _compared(run: LogRun) -> Iterable[tuple[str, ...]]:

@@ -38,7 +38,7 @@ def test_every_weak_value_is_a_warning_with_its_reason():
     )
     told = _warnings(made.trial, doubtful, ())
     assert "time delay not observable: the ship lay still" in told
-    assert "flexure, heading z: weak: too short" in told
+    assert "flexure, pitch x, roll y, heading z: weak: too short" in told
 
 
 def test_steps_are_timed_told_and_add_up():
