@@ -114,7 +114,8 @@ def test_a_log_that_holds_estimates_is_not_given_a_second_set(deckflex, finished
     assert not list(tmp_path.iterdir())
 
 
-def test_people_see_angles_delay_flexure_errors_and_where_it_wrote(deckflex, sample, tmp_path):
+def test_people_see_angles_delay_flexure_errors_and_where_it_wrote(deckflex, sample, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
     told = deckflex("run", sample, "-o", tmp_path / "out.mcap")
     assert told.status == 0
     assert told.err == ""
