@@ -25,10 +25,9 @@ from stages.align.gravity import Gravity, gravity
 from stages.align.installation import installation
 from stages.align.likelihood import PRIOR_ANGLE, PRIOR_DELAY, Fit, fit
 from stages.align.phases import static_phases
-from stages.align.tracks import SEGMENT_SHORTEST, Span, Track, shared_spans, tracks
+from stages.align.tracks import SEGMENT_SHORTEST, Span, Track, cell_length, finite_rows, shared_spans, tracks
 from stages.align.wahba import SEARCH_REACH, Coarse, rotation_between, search
 
-CELL_SHORTEST = 0.1  # s; rates are averaged over cells this long, ship motion is far slower
 CORRELATION_LEAST = 0.3  # share of common motion below which nothing is aligned
 RATE_MOVING = 0.1 * DEG  # rad/s rms; a unit that shows more is moving and not merely noisy
 ANGLE_ESTIMATED = 10.0 * ARCMIN  # rad, largest standard deviation (principal axis) of a plain estimate
@@ -58,7 +57,7 @@ def align(trial: Trial) -> Alignment:
     sub = tracks(trial.sub, trial.epoch, "sub-IMU")
     for series, channel in ((trial.main, "main IMU"), (trial.sub, "sub-IMU")):
         _refuse_frozen(series, channel)
-    step = max(CELL_SHORTEST, _interval(trial.main), _interval(trial.sub))
+    step = cell_length(trial.main, trial.sub)
     spans = shared_spans(main, sub, SEGMENT_SHORTEST, (-SEARCH_REACH, SEARCH_REACH))
     if not spans:
         raise DataError(f"the main and sub-IMU share no uninterrupted stretch of {SEGMENT_SHORTEST:.0f} s to align on")
@@ -66,16 +65,13 @@ def align(trial: Trial) -> Alignment:
     coarse = search(main, sub, SEGMENT_SHORTEST, step, None if down is None else down.profile)
     assert coarse is not None
     found = _calm(coarse, down) if _is_calm(coarse) else _fine(main, sub, step, coarse, spans, trial)
-    return _alignment(found, trial, main, sub, step)
+    return _alignment(found, trial, main, sub)
 
 
 def _refuse_frozen(series: ImuSeries, channel: str) -> None:
-    if not np.any(np.diff(series.gyro[np.isfinite(series.gyro).all(axis=1)], axis=0)):
+    gyro = series.gyro[finite_rows(series.gyro)]
+    if np.all(gyro == gyro[0]):
         raise DataError("the gyros are frozen: every sample is the same", channel=channel)
-
-
-def _interval(series: ImuSeries) -> float:
-    return float(np.median(np.diff(series.stamp))) * 1e-9
 
 
 def _is_calm(coarse: Coarse) -> bool:
@@ -108,9 +104,9 @@ def _fine(
     if down is not None and down.disagreement(alone.rotation, alone.covariance[:3, :3]) > GRAVITY_GATE:
         notes.append("specific force contradicts the rates and was not used for the misalignment")
         down = None
-    found = (
-        alone if down is None else fit(main, sub, step, (alone.rotation, alone.delay), SEGMENT_SHORTEST, aid=down.aid)
-    )
+    found = alone
+    if down is not None:
+        found = fit(main, sub, step, (alone.rotation, alone.delay), SEGMENT_SHORTEST, aid=down.aid, flat=0)
     known = bool(np.sqrt(found.covariance[3, 3]) <= DELAY_WEAK)
     if not known:  # the covariance stays the joint one: the rotation is as uncertain as the delay makes it
         aid = None if down is None else down.aid
@@ -121,25 +117,30 @@ def _fine(
     return _Found(found, coarse.at_edge, known, tuple(notes))
 
 
-def _alignment(found: _Found, trial: Trial, main: Sequence[Track], sub: Sequence[Track], step: float) -> Alignment:
-    installed = [
-        None if phins is None else installation(unit, phins, trial.epoch, max(step, _interval(phins)), channel)
-        for unit, phins, channel in (
-            (main, trial.phins_main, "PHINS at the main IMU"),
-            (sub, trial.phins_sub, "PHINS at the sub-IMU"),
-        )
-    ]
+def _alignment(found: _Found, trial: Trial, main: Sequence[Track], sub: Sequence[Track]) -> Alignment:
     covariance = found.fit.covariance[:3, :3]
     return Alignment(
         rotation=found.fit.rotation,
         static=_static(found),
         covariance=covariance,
         time_delay=_delay(found),
-        installation_main=installed[0],
-        installation_sub=installed[1],
+        installation_main=_installed(
+            main, trial.phins_main, trial.rig.installation_main, trial, "PHINS at the main IMU"
+        ),
+        installation_sub=_installed(sub, trial.phins_sub, trial.rig.installation_sub, trial, "PHINS at the sub-IMU"),
         static_phases=static_phases(main),
         notes=found.notes,
     )
+
+
+def _installed(
+    unit: Sequence[Track], phins: ImuSeries | None, stated: FloatArray | None, trial: Trial, channel: str
+) -> Estimate | None:
+    if phins is None:
+        return None
+    if stated is not None:
+        return Estimate(rotations.log(stated), np.zeros(3), reason="from the rig profile, taken as exact")
+    return installation(unit, phins, trial.epoch, channel)
 
 
 def _static(found: _Found) -> Estimate:

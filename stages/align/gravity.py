@@ -17,7 +17,7 @@ import numpy as np
 from physics import rotations
 from physics.units import MICRO_G, STANDARD_GRAVITY
 from schemas.rig import FloatArray, Rig
-from stages.align.tracks import Span, edges_of, long_run_variance, mean_accel
+from stages.align.tracks import Span, long_run_variance
 
 ACCEL_BIAS_UNKNOWN = 2000.0 * MICRO_G  # m/s^2, one sigma where the rig states none
 LEVER_UNKNOWN = 30.0  # m, one sigma where the rig states none
@@ -59,8 +59,7 @@ def gravity(spans: Sequence[Span], delay: float, rig: Rig, rotation: FloatArray 
 
     rotation: approximate R_m_s, needed for the covariance (without it, of biases and lever arm alone).
     """
-    first, second = (np.concatenate(part) for part in zip(*(mean_accel(span, CELL, delay) for span in spans)))
-    rate = np.concatenate([np.diff(span.first.angle(edges_of(span, CELL)), axis=0) / CELL for span in spans])
+    first, second, rate = (np.concatenate(part) for part in zip(*(_means(span, delay) for span in spans)))
     lever, lever_std = (np.zeros(3), LEVER_UNKNOWN) if rig.lever_arm is None else (rig.lever_arm, rig.lever_arm_std)
     whirl = rotations.skew(rate)
     centripetal = np.mean(whirl @ whirl, axis=0)
@@ -73,3 +72,11 @@ def gravity(spans: Sequence[Span], delay: float, rig: Rig, rotation: FloatArray 
     if rotation is not None:
         covariance += long_run_variance(first - second @ rotation.T, CELL) / len(first) ** 2
     return Gravity(*forces, covariance)
+
+
+def _means(span: Span, delay: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Specific forces of both units, the second read ``delay`` later, and the first one's rates, (k, 3) each."""
+    count = span.count(CELL)
+    first, second = span.first, span.second
+    force = first.specific_force(span.start, CELL, count), second.specific_force(span.start + delay, CELL, count)
+    return *force, first.rate(span.start, CELL, count)

@@ -77,23 +77,25 @@ def fit(
     hold_delay: bool = False,
     nuisance: Nuisance | None = None,
     aid: Aid | None = None,
+    flat: int = FLAT_ITERATIONS,
 ) -> Fit:
     """Maximum-likelihood rotation and delay (s) from a coarse start, cells of ``step`` s.
 
     nuisance: extra regressors (n, 3, k) for cells and rotation. aid: (information (3, 3), its innovation (3,)) of
-    another sensor on the rotation error. hold_delay: the delay stays at its start.
+    another sensor on the rotation error. hold_delay: the delay stays at its start. flat: iterations before the spectrum
+    is used (a start that is itself a fit needs none).
     """
     rotation, delay = start
     spans = shared_spans(first, second, shortest, (delay - DELAY_SLACK, delay + DELAY_SLACK))
     lowest, highest = (delay, delay) if hold_delay else (delay - DELAY_SLACK, delay + DELAY_SLACK)
     for iteration in range(ITERATIONS):
-        normal = _normal(cells(spans, step, delay), rotation, nuisance, hold_delay, iteration < FLAT_ITERATIONS)
+        normal = _normal(cells(spans, step, delay), rotation, nuisance, hold_delay, iteration < flat)
         aided = _with_aid(normal, aid(rotation)) if aid else normal
         change, covariance = _solve(aided)
         rotation = rotations.exp(change[:3]) @ rotation
         moved = float(np.clip(delay + change[3], lowest, highest)) - delay
         delay += moved
-        if iteration > FLAT_ITERATIONS and np.all(np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))):
+        if iteration > flat and np.all(np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))):
             break
     alone = np.sqrt(np.linalg.eigvalsh(_solve(normal)[1][:3, :3]).clip(0.0))
     return Fit(rotation, delay, covariance[:4, :4], alone)
@@ -115,7 +117,8 @@ def _normal(pair: Cells, rotation: FloatArray, nuisance: Nuisance | None, hold_d
     weight = used[:, None] / np.sqrt(np.maximum(spectrum, np.finfo(float).tiny))
     white = _back(_transform(regressors) * weight[:, :, None], size)
     score_series = np.einsum("nap,na->np", white, _clipped(_back(residual * weight, size)))
-    hessian = np.einsum("nap,naq->pq", white, white)
+    columns = white.reshape(-1, white.shape[2])
+    hessian = columns.T @ columns
     noise = _noise_information(spectrum, used, pair.step, size, len(hessian), hold_delay)
     spread = _not_below(long_run_variance(score_series, pair.step), hessian)
     return _Normal(hessian, hessian - noise, score_series.sum(axis=0), spread)

@@ -23,11 +23,11 @@ def static_phases(tracks: Sequence[Track]) -> FloatArray:
 
 
 def _still(track: Track) -> list[tuple[float, float]]:
-    edges = np.arange(track.start, track.end, CELL)
+    count = int((track.end - track.start) / CELL)
     width = round(WINDOW / CELL)
-    if len(edges) <= width:
+    if count < width:
         return []
-    rate = np.diff(track.angle(edges), axis=0) / CELL
+    rate, edges = track.rate(track.start, CELL, count), track.start + CELL * np.arange(count + 1)
     power = np.cumsum(np.concatenate(([0.0], np.sum((rate - np.median(rate, axis=0)) ** 2, axis=1))))
     calm = (power[width:] - power[:-width]) / width < STILL_RATE**2
     flips = np.flatnonzero(np.diff(np.concatenate(([0], calm.astype(int), [0]))))

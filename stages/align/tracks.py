@@ -3,8 +3,9 @@
     angle(t) = sum of rate_k * (t_k - t_{k-1}),  mean rate over a cell = (angle(end) - angle(start)) / step
 
 The samples are means over the interval that ends at their stamp, so the angle is exact at the stamps whatever the
-jitter; between them a cubic spline interpolates. The angle is summed per component in body axes: a constant rotation
-commutes with that sum, which is all that alignment asks of it.
+jitter. It is taken once, by a cubic spline through stamps about GRID apart, at the points of a regular grid; between
+these a polynomial through six of them interpolates, with the same weights for all cells of a span. The angle is summed
+per component in body axes: a constant rotation commutes with that sum, which is all that alignment asks of it.
 """
 
 from __future__ import annotations
@@ -15,30 +16,68 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import median_filter
 
 from schemas.errors import DataError
+from schemas.products import BoolArray
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray
 
+GRID = 0.05  # s; ship motion lies far below its 10 Hz. Cells are whole multiples of it
+NODES = np.arange(-2.0, 4.0)  # grid points about an instant through which the polynomial goes
+CELL_SHORTEST = 0.1  # s; rates are averaged over cells this long, ship motion is far slower
 GAP_BRIDGED = 0.25  # s; a longer hole splits the record
 SPIKE_SIGMA = 8.0  # robust sigmas off the local median at which a sample is taken for a spike
 SPIKE_WINDOW = 5  # samples of the local median
+SCATTER_SAMPLES = 50_000  # the usual scatter is taken from about so many samples, evenly spread
 SEGMENT_SHORTEST = 5.0  # s; shorter stretches without a gap are left out
 TAPER_SHARE = 0.1  # of a segment, at either end
 TAPER_LONGEST = 20.0  # s
 LONG_RUN_HZ = 0.012  # the long-run variance of a series is its spectrum below this, and
 LONG_RUN_BINS = 4  # of at least so many bins
 
+_PER_POWER = np.linalg.inv(np.vander(NODES, increasing=True))  # weights of the nodes for each power of the fraction
+
 
 @dataclass(frozen=True)
 class Track:
-    """A stretch without a gap. angle: spline of the integrated rate (rad), velocity: knots of integrated accel."""
+    """A stretch without a gap, to be read between start and end, s since the epoch.
+
+    angle: (n, 3) rad, integrated rate, and velocity: (n, 3) m/s, integrated specific force, at origin + GRID k.
+    """
 
     start: float
     end: float
-    angle: CubicSpline
+    origin: float
+    angle: FloatArray
     velocity: FloatArray
+
+    def turned(self, start: float, step: float, count: int) -> FloatArray:
+        """Integrated rate (count, 3), rad, at start, start + step, ...; step a multiple of GRID."""
+        return self._read(self.angle, start, step, count)
+
+    def rate(self, start: float, step: float, count: int) -> FloatArray:
+        """Mean rates (count, 3), rad/s, over cells of ``step`` s (a multiple of GRID) from ``start`` on."""
+        return np.diff(self.turned(start, step, count + 1), axis=0) / step
+
+    def slope(self, start: float, step: float, count: int) -> FloatArray:
+        """Derivative (count, 3) of :meth:`rate` with respect to ``start``, rad/s^2."""
+        return np.diff(self._read(self.angle, start, step, count + 1, derivative=True), axis=0) / step
+
+    def specific_force(self, start: float, step: float, count: int) -> FloatArray:
+        """Mean specific forces (count, 3), m/s^2, over the same cells."""
+        return np.diff(self._read(self.velocity, start, step, count + 1), axis=0) / step
+
+    def _read(self, values: FloatArray, start: float, step: float, count: int, derivative: bool = False) -> FloatArray:
+        position = (start - self.origin) / GRID
+        whole = int(np.floor(position + 1e-6))
+        powers = np.vander([position - whole], len(NODES), increasing=True)[0]
+        if derivative:
+            powers = np.append(0.0, np.arange(1, len(NODES)) * powers[:-1]) / GRID
+        stride = round(step / GRID)
+        out = np.zeros((count, values.shape[1]))
+        for node, weight in zip(whole + NODES.astype(int), powers @ _PER_POWER):
+            out += weight * values[node : node + stride * (count - 1) + 1 : stride]
+        return out
 
 
 @dataclass(frozen=True)
@@ -50,6 +89,10 @@ class Span:
     start: float
     end: float
 
+    def count(self, step: float) -> int:
+        """Number of whole cells of ``step`` s."""
+        return int((self.end - self.start) / step + 1e-9)
+
 
 @dataclass(frozen=True)
 class Cells:
@@ -57,7 +100,7 @@ class Cells:
 
     first, second: (n, 3) rad/s, the second read ``delay`` later. slope: (n, 3) rad/s^2, derivative of second with
     respect to that delay. time: (n,) s, middle of the cell in the first unit's time. window: (n,) taper, zero at the
-    ends of every segment. segment: (n,) index.
+    ends of every segment. bounds: (k + 1,) first cell of every segment, and n.
     """
 
     step: float
@@ -66,57 +109,92 @@ class Cells:
     second: FloatArray
     slope: FloatArray
     window: FloatArray
-    segment: IntArray
+    bounds: IntArray
 
     def centred(self, values: FloatArray) -> FloatArray:
         """Values (n, ...) without the taper-weighted mean of their segment (gyro biases are unknown constants)."""
-        out = np.array(values, dtype=float)
-        for index in np.unique(self.segment):
-            part = self.segment == index
-            out[part] -= np.average(out[part], axis=0, weights=self.window[part])
-        return out
+        flat = np.reshape(values, (len(values), -1))
+        out = np.empty_like(flat)
+        for a, b in pairwise(self.bounds):
+            out[a:b] = flat[a:b] - self.window[a:b] @ flat[a:b] / self.window[a:b].sum()
+        return out.reshape(values.shape)
+
+
+def cell_length(*series: ImuSeries) -> float:
+    """Length of the cells, s: the least multiple of CELL_SHORTEST that is no shorter than any sample interval."""
+    longest = max(float(np.median(np.diff(one.stamp))) * 1e-9 for one in series)
+    return CELL_SHORTEST * max(1, int(np.ceil(longest / CELL_SHORTEST - 0.05)))
 
 
 def tracks(series: ImuSeries, epoch: int, channel: str) -> tuple[Track, ...]:
     """The stretches of a unit's record; spikes are replaced by the local median, holes up to GAP_BRIDGED bridged.
 
-    Raises DataError when fewer than SPIKE_WINDOW finite samples are left.
+    Stretches shorter than SEGMENT_SHORTEST are left out. Raises DataError when fewer than SPIKE_WINDOW finite samples
+    are left.
     """
-    good = np.isfinite(series.gyro).all(axis=1)
+    good = finite_rows(series.gyro)
     if np.count_nonzero(good) <= SPIKE_WINDOW:
         raise DataError("too few finite gyro samples to align with", channel=channel)
     stamp, gyro = series.stamp[good], despiked(series.gyro[good])
-    accel = np.nan_to_num(series.accel[good], posinf=0.0, neginf=0.0)
+    accel = np.where(finite_rows(series.accel)[:, None], series.accel, 0.0)[good]
     time = np.asarray((stamp - epoch) * 1e-9, dtype=np.float64)
     intervals = np.diff(time)
     breaks = np.flatnonzero(intervals > max(GAP_BRIDGED, 3.0 * np.median(intervals))) + 1
     edges = np.concatenate(([0], breaks, [len(time)]))
-    long_enough = [(a, b) for a, b in pairwise(edges) if b - a > SPIKE_WINDOW]
-    return tuple(_track(time[a:b], gyro[a:b], accel[a:b], series.instantaneous) for a, b in long_enough)
+    parts = [(a, b) for a, b in pairwise(edges) if b - a > SPIKE_WINDOW and time[b - 1] - time[a] > SEGMENT_SHORTEST]
+    return tuple(_track(time[a:b], gyro[a:b], accel[a:b], series.instantaneous) for a, b in parts)
+
+
+def finite_rows(values: FloatArray) -> BoolArray:
+    """Mask (n,) of the rows of values (n, 3) without a NaN or an infinity."""
+    with np.errstate(invalid="ignore", over="ignore"):  # of opposite infinities
+        return np.asarray(np.isfinite(values @ np.ones(values.shape[1])))
 
 
 def _track(time: FloatArray, gyro: FloatArray, accel: FloatArray, instantaneous: bool) -> Track:
-    angle = CubicSpline(time, _integral(time, gyro, instantaneous))
-    return Track(float(time[0]), float(time[-1]), angle, _integral(time, accel, instantaneous))
+    every = max(1, int(GRID / np.median(np.diff(time)) + 0.05))
+    angle, velocity = (_integral(time, rate, instantaneous)[::every] for rate in (gyro, accel))
+    knots = time[::every]
+    grid = knots[0] + GRID * np.arange(int((knots[-1] - knots[0]) / GRID) + 1)
+    velocity = np.stack([np.interp(grid, knots, velocity[:, axis]) for axis in range(3)], axis=1)
+    inner = float(grid[int(-NODES[0])]), float(grid[-1 - int(NODES[-1])])
+    return Track(*inner, float(grid[0]), CubicSpline(knots, angle)(grid), velocity)
 
 
 def _integral(time: FloatArray, rate: FloatArray, instantaneous: bool) -> FloatArray:
     intervals = np.diff(time)
     mean = rate[1:].copy()
     # The sample after a hole speaks for its own interval only; across the hole the trapezoid is the better guess.
-    holed = np.full(len(mean), instantaneous) | (intervals > 1.5 * np.median(intervals))
-    mean[holed] = 0.5 * (rate[1:] + rate[:-1])[holed]
-    return np.asarray(np.vstack((np.zeros(3), np.cumsum(mean * intervals[:, None], axis=0))), dtype=np.float64)
+    holed = np.flatnonzero(instantaneous | (intervals > 1.5 * np.median(intervals)))
+    mean[holed] = 0.5 * (rate[holed + 1] + rate[holed])
+    out = np.zeros(rate.shape)
+    mean *= intervals[:, None]
+    np.cumsum(mean, axis=0, out=out[1:])
+    return out
 
 
 def despiked(values: FloatArray) -> FloatArray:
     """Values (n, 3) with spikes, off by SPIKE_SIGMA times the usual local scatter or step, set to the local median."""
-    median = median_filter(values, (SPIKE_WINDOW, 1), mode="nearest")
-    off = np.abs(values - median)
+    steps = np.abs(np.diff(values, axis=0))
+    some = np.arange(0, len(steps), max(1, len(steps) // SCATTER_SAMPLES))
     # Clean data are monotonic over most windows and then equal their median: the usual step counts as scatter too.
-    scatter = np.maximum(1.4826 * np.median(off, axis=0), np.median(np.abs(np.diff(values, axis=0)), axis=0))
-    scatter = np.where(scatter > 0.0, scatter, np.inf)
-    return np.where(off > SPIKE_SIGMA * scatter, median, values)
+    off = np.median(np.abs(values[some] - _local_median(values, some)), axis=0)
+    scatter = np.maximum(1.4826 * off, np.median(steps[some], axis=0))
+    limit = np.where(scatter > 0.0, SPIKE_SIGMA * scatter, np.inf)
+    # Far off the median of five is far off a neighbour too: only there need the median be known.
+    jumps = np.nonzero(steps > limit)[0]
+    rows = np.unique(np.concatenate((jumps, jumps + 1)))
+    median = _local_median(values, rows)
+    out = values.copy()
+    out[rows] = np.where(np.abs(values[rows] - median) > limit, median, values[rows])
+    return out
+
+
+def _local_median(values: FloatArray, rows: IntArray) -> FloatArray:
+    """Medians (m, 3) over SPIKE_WINDOW samples about the rows (m,)."""
+    half = SPIKE_WINDOW // 2
+    around = rows[:, None] + np.arange(-half, half + 1)
+    return np.sort(values[around.clip(0, len(values) - 1)], axis=1)[:, half]
 
 
 def shared_spans(
@@ -132,27 +210,20 @@ def shared_spans(
     return sorted(spans, key=lambda span: span.start)
 
 
-def edges_of(span: Span, step: float) -> FloatArray:
-    """Cell edges (k + 1,) of a span, s."""
-    count = int((span.end - span.start) / step + 1e-9) + 1
-    return np.asarray(span.start + step * np.arange(count), dtype=np.float64)
-
-
 def cells(spans: Sequence[Span], step: float, delay: float) -> Cells:
     """Mean rates of both units on the spans, the second read ``delay`` later (exactly, at any fraction)."""
     parts = [_segment(span, step, delay) for span in spans]
-    index = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
+    bounds = np.cumsum([0, *(len(part[0]) for part in parts)])
     time, first, second, slope, window = (np.concatenate(column) for column in zip(*parts))
-    return Cells(step, time, first, second, slope, window, index)
+    return Cells(step, time, first, second, slope, window, bounds)
 
 
 def _segment(span: Span, step: float, delay: float) -> tuple[FloatArray, ...]:
-    edges = edges_of(span, step)
-    later = edges + delay
-    slope = np.diff(span.second.angle(later, 1), axis=0) / step
-    first = np.diff(span.first.angle(edges), axis=0) / step
-    second = np.diff(span.second.angle(later), axis=0) / step
-    return 0.5 * (edges[1:] + edges[:-1]), first, second, slope, taper(len(edges) - 1, step)
+    count, later = span.count(step), span.start + delay
+    time = np.asarray(span.start + step * (np.arange(count) + 0.5), dtype=np.float64)
+    first = span.first.rate(span.start, step, count)
+    second, slope = span.second.rate(later, step, count), span.second.slope(later, step, count)
+    return time, first, second, slope, taper(count, step)
 
 
 def taper(count: int, step: float) -> FloatArray:
@@ -160,18 +231,6 @@ def taper(count: int, step: float) -> FloatArray:
     flank = max(1, int(min(TAPER_SHARE * count, TAPER_LONGEST / step)))
     distance = np.minimum(np.arange(count), np.arange(count)[::-1]) + 0.5
     return np.sin(0.5 * np.pi * np.minimum(distance / flank, 1.0)) ** 2
-
-
-def mean_accel(span: Span, step: float, delay: float) -> tuple[FloatArray, FloatArray]:
-    """Mean specific forces (k, 3) of both units on cells of a span, the second read ``delay`` later."""
-    edges = edges_of(span, step)
-    return _velocity_rate(span.first, edges, step), _velocity_rate(span.second, edges + delay, step)
-
-
-def _velocity_rate(track: Track, edges: FloatArray, step: float) -> FloatArray:
-    knots = track.angle.x
-    velocity = np.stack([np.interp(edges, knots, track.velocity[:, axis]) for axis in range(3)], axis=1)
-    return np.diff(velocity, axis=0) / step
 
 
 def long_run_variance(values: FloatArray, step: float) -> FloatArray:

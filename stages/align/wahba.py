@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from schemas.rig import FloatArray
-from stages.align.tracks import Cells, Track, cells, shared_spans
+from stages.align.tracks import Span, Track, shared_spans
 
-SEARCH_REACH = 1.2  # s, largest delay looked for, either sign
 LAG_STEP = 0.1  # s between the delays tried
-COARSE_STEP = 0.1  # s, cell of the coarse search
+LAGS = 12  # of them on either side of none
+SEARCH_REACH = LAGS * LAG_STEP  # s, largest delay looked for, either sign
 GRAVITY_SHARE = 1e-3  # weight of the gravity pair beside the rates: decides only what the rates leave open
 CLOSENESS = 1e-9  # weight of "no rotation": decides only what nothing else decides
 
@@ -48,12 +48,17 @@ def rotation_between(profile: FloatArray) -> tuple[FloatArray, float]:
 def search(
     first: Sequence[Track], second: Sequence[Track], shortest: float, step: float, gravity: FloatArray | None = None
 ) -> Coarse | None:
-    """Rotation and delay over the whole range; None when the records share no span. gravity: (3, 3) unit profile."""
+    """Rotation and delay over the whole range; None when the records share no span. gravity: (3, 3) unit profile.
+
+    step: length of the cells, s, a multiple of LAG_STEP.
+    """
     spans = shared_spans(first, second, shortest, (-SEARCH_REACH, SEARCH_REACH))
     if not spans:
         return None
-    lags = np.arange(-SEARCH_REACH, SEARCH_REACH + 0.5 * LAG_STEP, LAG_STEP)
-    profiles, shares, rms = zip(*(_profile(cells(spans, max(COARSE_STEP, step), lag)) for lag in lags))
+    lags = LAG_STEP * np.arange(-LAGS, LAGS + 1)
+    products, powers = (sum(part) for part in zip(*(_moments(span, step) for span in spans)))
+    size = sum(span.count(step) for span in spans)
+    profiles, shares, rms = zip(*(_profile(*moments, size) for moments in zip(products, powers)))
     best = int(np.argmax(shares))
     at_edge = best in (0, len(lags) - 1)
     delay = lags[best] if at_edge else lags[best] + LAG_STEP * _vertex(*shares[best - 1 : best + 2])
@@ -62,12 +67,22 @@ def search(
     return Coarse(rotation, float(delay), float(shares[best]), at_edge, rms[best])
 
 
-def _profile(pair: Cells) -> tuple[FloatArray, float, tuple[float, float]]:
-    first, second = pair.centred(pair.first), pair.centred(pair.second)
-    power = float(np.sum(first**2)), float(np.sum(second**2))
-    profile = first.T @ second / max(np.sqrt(power[0] * power[1]), np.finfo(float).tiny)
-    size = len(first)
-    return profile, rotation_between(profile)[1], (np.sqrt(power[0] / size), np.sqrt(power[1] / size))
+def _moments(span: Span, step: float) -> tuple[FloatArray, FloatArray]:
+    """Per lag, sums over the cells of a span: first second^T (l, 3, 3), powers of both (l, 2); rates mean-free."""
+    count, stride = span.count(step), round(step / LAG_STEP)
+    first = span.first.rate(span.start, step, count)
+    first -= first.mean(axis=0)
+    turned = span.second.turned(span.start - LAGS * LAG_STEP, LAG_STEP, 2 * LAGS + count * stride + 1)
+    second = (turned[stride:] - turned[:-stride]) / step  # over cells that begin every LAG_STEP
+    shifted = [second[lag::stride][:count] for lag in range(2 * LAGS + 1)]
+    power = [(np.sum(first**2), np.sum(part**2) - count * np.sum(part.mean(axis=0) ** 2)) for part in shifted]
+    return np.array([first.T @ part for part in shifted]), np.array(power)
+
+
+def _profile(profile: FloatArray, power: FloatArray, size: int) -> tuple[FloatArray, float, tuple[float, float]]:
+    profile = profile / max(np.sqrt(power[0] * power[1]), np.finfo(float).tiny)
+    first, second = np.sqrt(power / size)
+    return profile, rotation_between(profile)[1], (float(first), float(second))
 
 
 def _vertex(left: float, middle: float, right: float) -> float:
