@@ -140,7 +140,7 @@ def _installed(
         return None
     if stated is not None:
         return Estimate(rotations.log(stated), np.zeros(3), reason="from the rig profile, taken as exact")
-    return installation(unit, phins, trial.epoch, channel)
+    return installation(unit, phins, trial.epoch, cell_length(trial.main, trial.sub), channel)
 
 
 def _static(found: _Found) -> Estimate:

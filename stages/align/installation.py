@@ -23,9 +23,19 @@ from physics.units import ARCMIN
 from schemas.errors import DataError
 from schemas.products import Estimate, Status
 from schemas.rig import FloatArray
-from schemas.trial import ImuSeries
+from schemas.trial import ImuSeries, IntArray
 from stages.align.likelihood import PRIOR_ANGLE, Nuisance, fit
-from stages.align.tracks import GRID, SEGMENT_SHORTEST, Cells, Span, Track, cell_length, shared_spans, tracks
+from stages.align.tracks import (
+    GRID,
+    SEGMENT_SHORTEST,
+    Cells,
+    Span,
+    Track,
+    cell_length,
+    finite_rows,
+    shared_spans,
+    tracks,
+)
 from stages.align.wahba import SEARCH_REACH, search
 
 CORRELATION_LEAST = 0.5  # share of common motion below which the two do not belong together
@@ -37,17 +47,21 @@ STD_ESTIMATED = 3.0 * ARCMIN  # rad, largest standard deviation of a plain estim
 STD_WEAK = 60.0 * ARCMIN  # rad, and of a weak one
 
 
-def installation(imu: Sequence[Track], phins: ImuSeries, epoch: int, channel: str) -> Estimate:
-    """Rotation vector (3,) of ``R_imu_phins`` with the standard deviation of its error, imu-axes."""
-    if phins.attitude is None or len(phins) < 3:
+def installation(imu: Sequence[Track], phins: ImuSeries, epoch: int, step: float, channel: str) -> Estimate:
+    """Rotation vector (3,) of ``R_imu_phins`` with the standard deviation of its error, imu-axes.
+
+    step: length of the cells that suits the IMU, s.
+    """
+    good = np.zeros(0, dtype=bool) if phins.attitude is None else finite_rows(phins.attitude)
+    if phins.attitude is None or np.count_nonzero(good) < 3:
         return _unknown(f"{channel} carries no attitude")
-    thin = thinned(phins, phins.attitude)
+    thin = thinned(phins.stamp[good], phins.attitude[good])
     try:
         unit = tracks(thin, epoch, channel)
     except DataError as error:
         return _unknown(f"{channel}: {error.problem}")
     imu = best_excited(imu, unit)
-    step = cell_length(thin)
+    step = max(step, cell_length(thin))
     coarse = search(imu, unit, SEGMENT_SHORTEST, step)
     if coarse is None:
         return _unknown(f"{channel} and the IMU beside it share no stretch of {SEGMENT_SHORTEST:.0f} s")
@@ -58,10 +72,10 @@ def installation(imu: Sequence[Track], phins: ImuSeries, epoch: int, channel: st
     return _graded(rotations.log(found.rotation), np.sqrt(np.diag(found.covariance)[:3] + AXES_STD**2))
 
 
-def thinned(phins: ImuSeries, attitude: FloatArray) -> ImuSeries:
+def thinned(stamp: IntArray, attitude: FloatArray) -> ImuSeries:
     """Attitudes (n, 4) about GRID apart, and for gyro the mean rates (n, 3) of the intervals that end at them."""
-    every = max(1, int(GRID * 1e9 / float(np.median(np.diff(phins.stamp))) + 0.05))
-    stamp, q = phins.stamp[::every], attitude[::every]
+    every = max(1, int(GRID * 1e9 / float(np.median(np.diff(stamp))) + 0.05))
+    stamp, q = stamp[::every], attitude[::every]
     interval = (np.diff(stamp) * 1e-9)[:, None]
     rate = quaternions.log(quaternions.multiply(quaternions.conjugate(q[:-1]), q[1:])) / interval
     if len(rate) > 1:
