@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from schemas.errors import DataError
 from schemas.wire.atomic import replacing
 from schemas.wire.builder import Messages
-from schemas.wire.container import File, Outline, Summary, file_parts, outline
+from schemas.wire.container import File, Outline, Summary, check_attachments, file_parts, outline
 from schemas.wire.reader import Pass
 from schemas.wire.records import FRAME_SIZE, MESSAGE_BODY
 from schemas.wire.section import Index, SectionWriter
@@ -127,7 +127,7 @@ def _rewrite(file: File, found: Outline, handle: BinaryIO, compression: str) -> 
     for channel in copying.channels.values():
         copying.declare(channel.id)
     writer.idle(sorted(copying.channels))
-    return writer, [*found.problems, *copying.problems]
+    return writer, [*found.problems, *copying.problems, *check_attachments(file, found)]
 
 
 class _Rewrite(Pass):

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from schemas.errors import DataError
 from schemas.wire.cdr import Bad, Columns, Decoder, Indices, Part
+from schemas.wire.fields import Blocks, Paths, split
+from schemas.wire.layout import items, rows_alike
+from schemas.wire.memory import fresh
 from schemas.wire.table import Table
 
 
@@ -35,6 +38,9 @@ class Messages:
 class MessageDecoder(Protocol):
     """Turns a batch of payloads into parts of columns."""
 
+    def fields(self) -> tuple[str, ...]:
+        """Paths of all columns the messages have, where some may not be wanted; else nothing."""
+
     def finish(self, columns: Columns) -> Columns:
         """The columns of the finished table from those that decoding yielded."""
 
@@ -47,6 +53,10 @@ class CdrDecoder:
 
     def __init__(self, decoder: Decoder) -> None:
         self._decoder = decoder
+
+    def fields(self) -> tuple[str, ...]:
+        """Paths of all columns the messages have."""
+        return self._decoder.fields()
 
     def finish(self, columns: Columns) -> Columns:
         """The columns as they are; those of the definition where there was no message."""
@@ -63,22 +73,25 @@ class GrowingColumn:
     def __init__(self, first: NDArray[Any]) -> None:
         self.shape, self.dtype = first.shape[1:], first.dtype.newbyteorder("=")
         self._same: NDArray[Any] | None = np.array(first[:1], self.dtype)
-        self._values = np.empty((0, *self.shape), self.dtype)
+        self._values = fresh((0, *self.shape), self.dtype)
 
     def write(self, where: Any, values: NDArray[Any], filled: int, capacity: int) -> None:
         """Put values at the rows where; the first filled rows may have been written, those of this batch included."""
         if self._same is not None:
             if _alike(values, self._same):
                 return
-            self._values = np.empty((capacity, *self.shape), self.dtype)
+            self._values = fresh((capacity, *self.shape), self.dtype)
             self._values[:filled] = self._same  # rows of this batch that came before included
             self._same = None
-        self._values[where] = values
+        if len(self.shape) == 1 and _is_plain(values, self.dtype):
+            items(self._values)[where] = items(values)
+        else:
+            self._values[where] = values
 
     def reserve(self, filled: int, capacity: int) -> None:
         """Make room for capacity rows."""
         if self._same is None and capacity > len(self._values):
-            larger = np.empty((capacity, *self.shape), self.dtype)
+            larger = fresh((capacity, *self.shape), self.dtype)
             larger[:filled] = self._values[:filled]
             self._values = larger
 
@@ -97,11 +110,25 @@ def _alike(values: NDArray[Any], same: NDArray[Any]) -> bool:
         if values.strides[0] == 0:
             values = values[:1]
         return values.ndim == 1 and isinstance(same[0], str) and bool((values == same).all())
+    if not _is_one(values[-1], same[0]) or not _is_one(values[0], same[0]):
+        return False
+    if values.ndim == 2 and _is_plain(values, same.dtype):
+        return rows_alike(values)
     if values.dtype.kind == "f":
-        bits = np.dtype(f"u{values.dtype.itemsize}")
-        values, same = values.view(bits.newbyteorder(values.dtype.byteorder)), same.view(bits)
-    # Transposed, so that numpy's inner loop runs over the many rows and not over the few elements of a row.
-    return bool(np.equal(values.T, same.T, out=np.empty(values.T.shape, np.bool_)).all())
+        bits = np.dtype(f"u{values.dtype.itemsize}").newbyteorder(values.dtype.byteorder)
+        values = values.view(bits)
+    return bool((values == values[0]).all())
+
+
+def _is_one(row: NDArray[Any], same: NDArray[Any]) -> bool:
+    """Whether a row has the bits of another."""
+    return np.asarray(row, same.dtype).tobytes() == same.tobytes()
+
+
+def _is_plain(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
+    """Whether values (n, k) are rows of adjacent elements of the dtype, which may be moved as bytes."""
+    adjacent = values.shape[1] > 0 and values.strides[1] == dtype.itemsize
+    return adjacent and values.dtype == dtype and not dtype.hasobject
 
 
 @dataclass
@@ -114,7 +141,7 @@ class TableBuilder:
     expected: int = 0
     count: int = 0
     capacity: int = 0
-    columns: dict[str, GrowingColumn] = field(default_factory=dict)
+    columns: dict[Paths, GrowingColumn] = field(default_factory=dict)
     lost: dict[str, list[int]] = field(default_factory=dict)
 
     def add(self, messages: Messages) -> None:
@@ -126,19 +153,20 @@ class TableBuilder:
         place = None if good is None else np.cumsum(good) - 1
         for part in parts:
             if isinstance(part, Part):
-                self._write(part.rows if place is None else place[_rows(part.rows, len(messages))], kept, part.columns)
+                self._write(part.rows if place is None else place[_rows(part.rows, len(messages))], kept, part.blocks)
         chosen: Any = slice(None) if good is None else good
         times = {name: getattr(messages, name)[chosen] for name in ("log_time", "publish_time", "sequence")}
-        self._write(None, kept, {f"/{name}": values for name, values in times.items()})
+        self._write(None, kept, {(f"/{name}",): values for name, values in times.items()})
         self.count += kept
 
     def table(self) -> Table:
         """The finished table."""
-        columns = {name: column.finished(self.count) for name, column in self.columns.items()}
+        columns = split({paths: column.finished(self.count) for paths, column in self.columns.items()})
         log_time = columns.pop("/log_time", np.zeros(0, np.int64))
         publish_time = columns.pop("/publish_time", np.zeros(0, np.int64))
         sequence = columns.pop("/sequence", np.zeros(0, np.uint32))
-        return Table(self.topic, self.schema, self.decoder.finish(columns), log_time, publish_time, sequence)
+        done, fields = self.decoder.finish(columns), self.decoder.fields()
+        return Table(self.topic, self.schema, done, log_time, publish_time, sequence, fields or tuple(done))
 
     def problems(self) -> list[str]:
         """What could not be decoded, a sentence for each reason."""
@@ -157,14 +185,14 @@ class TableBuilder:
             self.lost.setdefault(part.reason, []).extend(messages.log_time[part.rows].tolist())
         return good
 
-    def _write(self, rows: Indices | None, count: int, columns: Columns) -> None:
+    def _write(self, rows: Indices | None, count: int, blocks: Blocks) -> None:
         where: Any = slice(self.count, self.count + count) if rows is None else rows + self.count
-        for name, values in columns.items():
-            if name not in self.columns:
-                self.columns[name] = GrowingColumn(values)
-            target = self.columns[name]
+        for paths, values in blocks.items():
+            if paths not in self.columns:
+                self.columns[paths] = GrowingColumn(values)
+            target = self.columns[paths]
             if target.shape != values.shape[1:]:
-                raise DataError(f"{name} changes its shape within the log", channel=self.topic)
+                raise DataError(f"{paths[0]} changes its shape within the log", channel=self.topic)
             target.write(where, values, self.count + count, self.capacity)
 
     def _reserve(self, count: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from schemas.errors import DataError
 from schemas.wire.definitions import PRIMITIVES, TIMES, MessageType
+from schemas.wire.fields import Block, Blocks, blocks_of, read_block, split
 from schemas.wire.layout import (
     Items,
     Layout,
@@ -22,7 +23,6 @@ from schemas.wire.layout import (
     field_view,
     layout_of_bytes,
     layout_of_counts,
-    read_node,
     write_node,
 )
 
@@ -36,14 +36,20 @@ BODY = _LEAD + HEADER
 ROOM = 8  # bytes that must be readable after the last message
 _SLACK = 7  # bytes by which senders may pad a message
 _BIG_ENDIAN, _LITTLE_ENDIAN = 0, 1
+_KIND = np.dtype(">u2")
 
 
 @dataclass(frozen=True)
 class Part:
-    """Decoded rows: which of the messages asked for (None: all, in order) and their columns."""
+    """Decoded rows: which of the messages asked for (None: all, in order) and their columns, in blocks."""
 
     rows: Indices | None
-    columns: Columns
+    blocks: Blocks
+
+    @property
+    def columns(self) -> Columns:
+        """The columns one by one."""
+        return split(self.blocks)
 
 
 @dataclass(frozen=True)
@@ -55,16 +61,26 @@ class Bad:
 
 
 class Decoder:
-    """Decodes messages of one type; remembers the last layout of each message length."""
+    """Decodes messages of one type; remembers the last layout of each message length.
 
-    def __init__(self, mtype: MessageType) -> None:
+    wanted: the columns to hand out, by path or by the path of a message that holds them; None: all. The messages are
+    checked as a whole all the same.
+    """
+
+    def __init__(self, mtype: MessageType, wanted: Collection[str] | None = None) -> None:
         self.mtype = mtype
-        self._known: dict[tuple[int, str], Layout] = {}
+        self.wanted = wanted
+        self._known: dict[tuple[int, str], tuple[Layout, list[Block]]] = {}
+
+    def fields(self) -> tuple[str, ...]:
+        """Paths of all columns that the messages have."""
+        return tuple(empty_layout(self.mtype).leaves)
 
     def empty(self) -> Columns:
         """The columns of no messages at all."""
         rows = np.empty((0, BODY), np.uint8)
-        return {path: read_node(node, rows, BODY) for path, node in empty_layout(self.mtype).leaves.items()}
+        blocks = blocks_of(empty_layout(self.mtype), self.wanted)
+        return split({block.paths: read_block(block, rows, BODY) for block in blocks})
 
     def decode(self, buffer: Rows, offset: Indices, length: Indices) -> Iterator[Part | Bad]:
         """Parts of the messages at offset in buffer (n,), each with the rows it covers.
@@ -83,7 +99,7 @@ class Decoder:
             yield Bad(_all(rows, len(offset)), "shorter than the encapsulation header")
             return
         data = gather(buffer, offset - _LEAD, -(-(length + _LEAD) // 8) * 8)
-        kind = data[:, _LEAD].astype(np.uint16) << 8 | data[:, _LEAD + 1]
+        kind = field_view(data, _LEAD, _KIND)
         if (kind == _LITTLE_ENDIAN).all():
             yield from self._one_order(data, length, "<", rows)
             return
@@ -99,7 +115,7 @@ class Decoder:
         """Split rows of equal length into those with equal length words."""
         while len(data):
             try:
-                layout = self._layout(data, length, order)
+                layout, blocks = self._layout(data, length, order)
             except MisfitError as error:
                 yield Bad(_all(rows, len(data))[:1], str(error))
                 same = np.zeros(len(data), np.bool_)
@@ -109,23 +125,23 @@ class Decoder:
                 everything = bool(same.all())
                 mine = data if everything else data[same]
                 which = rows if everything else _all(rows, len(data))[same]
-                yield self._part(layout, mine, which, length)
+                yield self._part(layout, blocks, mine, which, length)
             if same.all():
                 return
             data, rows = data[~same], _all(rows, len(data))[~same]
 
-    def _layout(self, data: Rows, length: int, order: str) -> Layout:
+    def _layout(self, data: Rows, length: int, order: str) -> tuple[Layout, list[Block]]:
         known = self._known.get((length, order))
-        if known is not None and bool(_matches(known, data[:1])[0]):
+        if known is not None and bool(_matches(known[0], data[:1])[0]):
             return known
         layout = layout_of_bytes(self.mtype, data[0, BODY : _LEAD + length].tobytes(), order)
-        self._known[length, order] = layout
-        return layout
+        self._known[length, order] = layout, blocks_of(layout, self.wanted)
+        return self._known[length, order]
 
-    def _part(self, layout: Layout, data: Rows, rows: Indices | None, length: int) -> Part | Bad:
+    def _part(self, layout: Layout, blocks: list[Block], data: Rows, rows: Indices | None, length: int) -> Part | Bad:
         if length - HEADER - layout.size > _SLACK:
             return Bad(_all(rows, len(data)), f"{length - HEADER - layout.size} bytes longer than the definition says")
-        return Part(rows, {path: read_node(node, data, BODY) for path, node in layout.leaves.items()})
+        return Part(rows, {block.paths: read_block(block, data, BODY) for block in blocks})
 
 
 def gather(buffer: Rows, offset: Indices, size: int) -> Rows:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import struct
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +17,7 @@ from mcap import records as mcap
 from mcap.opcode import Opcode
 
 from schemas.errors import DataError
+from schemas.wire.checksum import crc32
 from schemas.wire.records import (
     CHUNK_HEAD,
     FRAME,
@@ -171,7 +171,7 @@ def _read_summary(file: File) -> Summary | None:
     if not len(MAGIC) <= footer.summary_start < place:
         return None
     data = file.read(footer.summary_start, tail)
-    if footer.summary_crc and zlib.crc32(data[:-4]) != footer.summary_crc:
+    if footer.summary_crc and crc32(data[:-4]) != footer.summary_crc:
         return None
     summary = Summary(footer.summary_start)
     for kind, start, size in frames(data[:-FOOTER_SIZE]):
@@ -324,15 +324,28 @@ def _note_end(file: File, found: Outline, position: int, reason: str) -> None:
         found.entries.append(Block(start, file.size, True, partial=True))
 
 
-def file_crc(file: File, stop: int) -> int:
-    """CRC-32 of the first stop bytes."""
+def check_attachments(file: File, found: Outline) -> list[str]:
+    """A sentence for each attachment whose CRC, where it has one, does not match its contents."""
+    problems: list[str] = []
+    for attachment, (start, stop) in zip(found.attachments, found.attachment_places, strict=True):
+        try:
+            (crc,) = struct.unpack("<I", file.read(stop - 4, stop))
+            if crc and file_crc(file, stop - 4, start) != crc:
+                problems.append(f"attachment '{attachment.name}' at byte {start}: its CRC does not match its contents")
+        except RecordError as error:
+            problems.append(f"attachment '{attachment.name}' at byte {start}: {error}")
+    return problems
+
+
+def file_crc(file: File, stop: int, start: int = 0) -> int:
+    """CRC-32 of the bytes start..stop."""
     crc = 0
-    for part in file_parts(file, stop):
-        crc = zlib.crc32(part, crc)
+    for part in file_parts(file, stop, start):
+        crc = crc32(part, crc)
     return crc
 
 
-def file_parts(file: File, stop: int) -> Iterator[bytes]:
-    """The first stop bytes, some MiB at a time."""
-    for start in range(0, stop, RUN_BYTES):
-        yield file.read(start, min(stop, start + RUN_BYTES))
+def file_parts(file: File, stop: int, start: int = 0) -> Iterator[bytes]:
+    """The bytes start..stop, some MiB at a time."""
+    for first in range(start, stop, RUN_BYTES):
+        yield file.read(first, min(stop, first + RUN_BYTES))

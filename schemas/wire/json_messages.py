@@ -13,6 +13,10 @@ from schemas.wire.rows import Record, UndecodableError, decode_rows, expand
 class JsonDecoder:
     """Decodes the JSON objects of one channel."""
 
+    def fields(self) -> tuple[str, ...]:
+        """Nothing: the columns are those that occur."""
+        return ()
+
     def finish(self, columns: Columns) -> Columns:
         """The columns of the table; none where there was no message."""
         return expand(columns)

@@ -192,13 +192,29 @@ def _read_items(items: Items, rows: Rows, base: int) -> NDArray[Any]:
 
 def _read_string(text: Rows) -> NDArray[Any]:
     """(n,) str of (n, length) bytes; equal strings share one object."""
-    if text.shape[1] == 0 or (text == text[0]).all():
+    if text.shape[1] == 0 or rows_alike(text):
         same = np.empty(1, dtype=object)
         same[0] = _decode(text[0].tobytes())
         return np.broadcast_to(same, (len(text),))
     whole = np.ascontiguousarray(text).view(f"V{text.shape[1]}")[:, 0]
     unique, inverse = np.unique(whole, return_inverse=True)
     return np.array([_decode(one.tobytes()) for one in unique], dtype=object)[inverse]
+
+
+def items(values: NDArray[Any]) -> NDArray[np.void]:
+    """(n,) opaque items of the rows of values (n, k), whose elements lie side by side.
+
+    numpy moves these at once; rows of few elements it would move element by element.
+    """
+    return values.view(np.dtype((np.void, values.shape[1] * values.itemsize)))[:, 0]
+
+
+def rows_alike(values: NDArray[Any]) -> bool:
+    """Whether all rows of values (n, k) have the same bits."""
+    width = values.shape[1] * values.itemsize
+    unit = next(size for size in (8, 4, 2, 1) if width % size == 0)
+    flat = np.ascontiguousarray(items(values)).view(f"u{unit}")
+    return bool((flat[width // unit :] == flat[: -(width // unit)]).all())
 
 
 def _decode(text: bytes) -> str:

@@ -29,6 +29,10 @@ class ProtobufDecoder:
         except Exception as error:
             raise bad_schema("protobuf", error) from error
 
+    def fields(self) -> tuple[str, ...]:
+        """Nothing: the columns are those that occur."""
+        return ()
+
     def finish(self, columns: Columns) -> Columns:
         """The columns of the table; none where there was no message."""
         return expand(columns)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,30 +16,43 @@ from schemas.errors import DataError
 from schemas.wire.blocks import Space, load
 from schemas.wire.builder import CdrDecoder, MessageDecoder, Messages, TableBuilder
 from schemas.wire.cdr import ROOM, Decoder
-from schemas.wire.container import Block, File, Outline, Summary, file_crc, outline, read_summary
+from schemas.wire.container import Block, File, Outline, Summary, check_attachments, file_crc, outline, read_summary
 from schemas.wire.definitions import full_name, parse
 from schemas.wire.records import FRAME_SIZE, MESSAGE_BODY, RecordError, message_heads, parse_record
 from schemas.wire.table import Attachment, ChannelInfo, Log, Table
 
-BATCH = 1 << 22  # bytes of messages taken at a time
+BATCH = 1 << 23  # bytes of messages taken at a time
 _PAYLOAD = FRAME_SIZE + MESSAGE_BODY
+LATEST = 2**63 - 1  # ns; MCAP's own times have one bit more
+Heads = NDArray[Any]
 Progress = Callable[[int, int], None]
 Sink = Callable[[mcap.Channel, mcap.Schema | None, Messages], None]
 
 
-def read_log(path: Path | str, topics: Collection[str] | None = None, progress: Progress | None = None) -> Log:
+def read_log(
+    path: Path | str,
+    topics: Collection[str] | None = None,
+    progress: Progress | None = None,
+    *,
+    columns: Mapping[str, Collection[str]] | None = None,
+    attachments: bool = False,
+) -> Log:
     """Everything a log holds, or the topics asked for, as tables in the order of the log.
 
-    progress is called with bytes done and bytes in all. Damage is told in ``problems`` of what comes back; messages
-    that cannot be decoded are left out and counted there. Raises DataError when the file is not readable as MCAP.
+    progress is called with bytes done and bytes in all. columns: by topic, the paths of the columns to keep, or of
+    messages that hold them ("header"); topics not in it are kept whole, and so are messages that are not CDR. What is
+    checked is the same: every byte of a message counts, kept or not. attachments: check their CRCs too, which takes
+    reading them. Damage is told in ``problems`` of what comes back; messages that cannot be decoded are left out and
+    counted there. Raises DataError when the file is not readable as MCAP.
     """
-    tables = _Tables(topics)
+    tables = _Tables(topics, columns or {})
     with File(Path(path)) as file:
         found = outline(file)
         pass_ = Pass(file, found, tables.add, tables.expect, topics)
         pass_.run(progress)
+        broken = check_attachments(file, found) if attachments else []
     done = tables.tables(pass_)
-    problems = (*found.problems, *pass_.problems, *tables.problems)
+    problems = (*found.problems, *pass_.problems, *tables.problems, *broken)
     counts = {channel: pass_.counts.get(channel, 0) for channel in pass_.channels}
     channels = _channel_infos(pass_.channels, pass_.schemas, counts if topics is None else _announced(found, counts))
     start, end = pass_.span
@@ -111,6 +124,7 @@ class Pass:
     span: tuple[int | None, int | None] = (None, None)
     _spoilt: dict[int, int] = field(default_factory=dict)
     _undeclared: dict[int, int] = field(default_factory=dict)
+    _absurd: dict[int, int] = field(default_factory=dict)
     _space: Space = field(default_factory=Space)
     _starts: list[NDArray[np.int64]] = field(default_factory=list)
     _filled: int = 0
@@ -182,6 +196,9 @@ class Pass:
         if len(starts) == 0:
             return
         heads = message_heads(buffer, starts)
+        heads, starts = self._without_absurd_times(heads, starts)
+        if len(starts) == 0:
+            return
         channel = heads["channel"].astype(np.intp)
         times = heads["log"].astype(np.int64)
         self._extend_span(int(times.min()), int(times.max()))
@@ -194,6 +211,16 @@ class Pass:
             heads["sequence"].astype(np.uint32),
         )
         self.deliver(batch, channel)
+
+    def _without_absurd_times(self, heads: Heads, starts: NDArray[np.int64]) -> tuple[Heads, NDArray[np.int64]]:
+        """Messages whose times do not fit 63 bits of nanoseconds (the year 2262) left out, and counted."""
+        latest = np.maximum(heads["log"], heads["publish"])
+        if latest.max() <= LATEST:
+            return heads, starts
+        fine = latest <= LATEST
+        for one, count in zip(*np.unique(heads["channel"][~fine], return_counts=True), strict=True):
+            self._absurd[int(one)] = self._absurd.get(int(one), 0) + int(count)
+        return heads[fine], starts[fine]
 
     def deliver(self, batch: Messages, channel: NDArray[np.intp]) -> None:
         """Hand a batch on, channel by channel (channel: id of each message)."""
@@ -233,6 +260,10 @@ class Pass:
         """Problems that show only at the end."""
         for channel, count in sorted(self._undeclared.items()):
             self.problems.append(f"{count} messages belong to channel id {channel}, which is not defined; left out")
+        for channel, count in sorted(self._absurd.items()):
+            known = self.channels.get(channel)
+            name = known.topic if known is not None else f"channel id {channel}"
+            self.problems.append(f"{name}: {count} messages with times after the year 2262 were left out")
         for channel, count in sorted(self._spoilt.items()):
             self.problems.append(f"{count} messages of channel id {channel} were left out after its second definition")
         summary = self.found.summary
@@ -250,6 +281,7 @@ class Pass:
             return
         announced = summary.statistics.message_count
         got = sum(self.counts.values()) + sum(self._undeclared.values()) + sum(self._spoilt.values())
+        got += sum(self._absurd.values())
         if got != announced:
             self.problems.append(f"the summary counts {announced} messages, the log holds {got} readable ones")
 
@@ -278,8 +310,8 @@ def _select(batch: Messages, rows: NDArray[np.intp]) -> Messages:
 class _Tables:
     """Sorts batches into the tables of their topics."""
 
-    def __init__(self, topics: Collection[str] | None) -> None:
-        self.topics = topics
+    def __init__(self, topics: Collection[str] | None, columns: Mapping[str, Collection[str]]) -> None:
+        self.topics, self.columns = topics, columns
         self.problems: list[str] = []
         self._builders: dict[str, TableBuilder | None] = {}
         self._announced: dict[int, int] = {}
@@ -318,7 +350,7 @@ class _Tables:
         if channel.topic not in self._builders:
             expected = self._announced.get(channel.id, 0)
             try:
-                decoder = make_decoder(channel, schema)
+                decoder = make_decoder(channel, schema, self.columns.get(channel.topic))
                 self._builders[channel.topic] = TableBuilder(channel.topic, _schema_name(schema), decoder, expected)
             except DataError as error:
                 self._builders[channel.topic] = None
@@ -326,11 +358,11 @@ class _Tables:
         return self._builders[channel.topic]
 
 
-def make_decoder(channel: mcap.Channel, schema: mcap.Schema | None) -> MessageDecoder:
-    """The decoder of a channel's encoding. Raises DataError when there is none."""
+def make_decoder(channel: mcap.Channel, schema: mcap.Schema | None, wanted: Collection[str] | None) -> MessageDecoder:
+    """The decoder of a channel's encoding, for the columns wanted (None: all). Raises DataError when there is none."""
     encoding = (channel.message_encoding, schema.encoding if schema is not None else "")
     if schema is not None and encoding == ("cdr", "ros2msg"):
-        return CdrDecoder(Decoder(parse(schema.name, schema.data.decode("utf-8", errors="replace"))))
+        return CdrDecoder(Decoder(parse(schema.name, schema.data.decode("utf-8", errors="replace")), wanted))
     if schema is not None and encoding == ("protobuf", "protobuf"):
         from schemas.wire.protobuf import ProtobufDecoder  # slow to import and rarely needed
 
@@ -386,4 +418,6 @@ def _log_of_summary(file: File, summary: Summary, statistics: mcap.Statistics) -
     channels = _channel_infos(summary.channels, summary.schemas, dict(statistics.channel_message_counts))
     some = statistics.message_count > 0
     start, end = (statistics.message_start_time, statistics.message_end_time) if some else (None, None)
+    if some and statistics.message_end_time > LATEST:
+        problems.append("the summary tells of messages with times after the year 2262")
     return Log(file.path, channels, {}, tuple(problems), metadata, attachments, start, end)

@@ -7,7 +7,6 @@ it is compared with the bytes that are really there.
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -20,6 +19,8 @@ from mcap import records as mcap
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
+
+from schemas.wire.checksum import crc32
 
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("<BQ")
@@ -147,7 +148,7 @@ def open_chunk(body: bytes | memoryview) -> memoryview:
 
 def check_crc(data: memoryview, crc: int) -> None:
     """Raises RecordError when data do not have a CRC that is not zero (zero: none was written)."""
-    if crc and zlib.crc32(data) != crc:
+    if crc and crc32(data) != crc:
         raise RecordError("a chunk's CRC does not match its contents")
 
 

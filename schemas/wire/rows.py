@@ -40,7 +40,7 @@ def decode_rows(messages: Messages, decode: Callable[[bytes], Record]) -> list[P
     if good:
         column = np.empty(len(good), dtype=object)
         column[:] = records
-        parts.append(Part(np.array(good), {_RECORD: column}))
+        parts.append(Part(np.array(good), {(_RECORD,): column}))
     return parts
 
 

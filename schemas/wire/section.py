@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
@@ -16,6 +15,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from schemas.errors import DataError
+from schemas.wire.checksum import crc32
 from schemas.wire.records import FRAME, FRAME_SIZE, MAGIC
 
 _ZSTD_LEVEL = 1  # sensor noise does not compress better at higher levels
@@ -134,7 +134,7 @@ class SectionWriter:
         first, last = (int(log_time.min()), int(log_time.max())) if len(log_time) else (0, 0)
         packed = self._compress(view)
         name = self._compression.encode()
-        head = struct.pack("<QQQII", first, last, len(view), zlib.crc32(view), len(name)) + name
+        head = struct.pack("<QQQII", first, last, len(view), crc32(view), len(name)) + name
         head += struct.pack("<Q", len(packed))
         place = self._position
         length = len(head) + len(packed)
@@ -172,7 +172,7 @@ class SectionWriter:
             place += len(data)
         summary += b"".join(map(record_bytes, offsets))
         footer = FRAME.pack(Opcode.FOOTER, 20) + struct.pack("<QQ", start, place)
-        self._handle.write(summary + footer + struct.pack("<I", zlib.crc32(summary + footer)) + MAGIC)
+        self._handle.write(summary + footer + struct.pack("<I", crc32(summary + footer)) + MAGIC)
 
     def _group(self, name: str) -> list[mcap.McapRecord]:
         if name == "statistics":
@@ -204,7 +204,7 @@ class SectionWriter:
         self._handle.write(data)
         self._position += len(data)
         if self._crc is not None:
-            self._crc = zlib.crc32(data, self._crc)
+            self._crc = crc32(data, self._crc)
 
 
 def record_bytes(record: mcap.McapRecord) -> bytes:

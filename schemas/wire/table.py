@@ -21,7 +21,8 @@ class Table:
 
     columns: keyed by dotted leaf path. Scalars are (n,), fixed arrays (n, k), stamps and durations (n,) int64 ns,
     strings and sequences of varying length (n,) objects. A column whose rows are all alike may be a read-only broadcast
-    of one row. log_time, publish_time: (n,) int64 ns. sequence: (n,) uint32.
+    of one row. log_time, publish_time: (n,) int64 ns. sequence: (n,) uint32. fields: paths of all columns the messages
+    have, which may be more than were asked for.
     """
 
     topic: str
@@ -30,6 +31,7 @@ class Table:
     log_time: NDArray[np.int64]
     publish_time: NDArray[np.int64]
     sequence: NDArray[np.uint32]
+    fields: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.log_time)

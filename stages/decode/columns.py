@@ -34,6 +34,12 @@ _STAMP_PARTS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("second
 _STAMP_FACTOR = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
 
+def needed(channel: Channel, extra: Sequence[str] = ()) -> frozenset[str]:
+    """Paths (of columns or of messages that hold them) of the stamp, the channel's standard fields and extra ones."""
+    given = [channel.fields.get(f, _DEFAULT_PATH.get(f, f)) for f in ("stamp", *channel.standard, *extra)]
+    return frozenset(path for one in given for path in ((one,) if isinstance(one, str) else one))
+
+
 def has(table: Table, channel: Channel, field: str) -> bool:
     """Whether the messages carry the standard field (under the name the profile gives it)."""
     return all(name in table.columns for name in _names(table, channel, field))
@@ -128,5 +134,5 @@ def _number(table: Table, name: str) -> np.ndarray:
 
 
 def _listed(table: Table) -> str:
-    names = list(table.columns)
+    names = table.fields or tuple(table.columns)
     return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")

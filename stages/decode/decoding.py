@@ -12,7 +12,7 @@ from schemas.wire import Log, Table, read_log
 from stages.decode import channels, plausible
 from stages.decode.foreign import with_foreign
 from stages.decode.profile import RigProfile, default_rig
-from stages.decode.roles import Found, Notes, clock_lag, decode_role, epoch_of, has_channel, table_of, topics
+from stages.decode.roles import Found, Notes, clock_lag, decode_role, epoch_of, has_channel, table_of, topics, wanted
 
 MIN_DURATION_S = 5.0
 """Main and sub IMU must record together at least so long."""
@@ -51,7 +51,8 @@ def decode(path: Path | str, rig_profile: RigProfile | None = None, progress: Pr
     """
     profile = rig_profile or default_rig()
     try:
-        log = with_foreign(read_log(path, topics=topics(profile), progress=progress), topics(profile))
+        log = read_log(path, topics(profile), progress, columns=wanted(profile))
+        log = with_foreign(log, topics(profile))
         tables, log = dict(log.tables), replace(log, tables={})
         trial = _trial(log, tables, profile, str(path))
         truth, about_truth = _truth(log, tables, profile)

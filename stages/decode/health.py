@@ -13,8 +13,8 @@ from schemas.wire import ChannelInfo, Log, Table, read_log, scan_log
 from stages.decode import columns, stamps
 from stages.decode.decoding import ORDER, check_pair, release
 from stages.decode.foreign import with_foreign
-from stages.decode.profile import DEFAULTS, IMU, REQUIRED, RigProfile, default_rig
-from stages.decode.roles import Found, decode_role, epoch_of, has_channel, same_type, table_of, topics
+from stages.decode.profile import DEFAULTS, IMU, REQUIRED, Channel, RigProfile, default_rig
+from stages.decode.roles import Found, decode_role, epoch_of, has_channel, same_type, table_of, topics, wanted
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def health(
     profile = rig_profile or default_rig()
     listing = scan_log(path)
     known = {info.topic for info in listing.channels if _known_type(info)} | topics(profile)
-    log = _read(path, known, topics(profile), progress)
+    log = _read(path, known, profile, progress)
     tables, log = dict(log.tables), replace(log, tables={})
     looked = tuple(_channel(info, tables.get(info.topic), profile) for info in log.channels)
     found, notes, refusals = _decoded_roles(log, tables, profile)
@@ -97,14 +97,18 @@ def health(
     )
 
 
-def _read(
-    path: Path | str, known: set[str], wanted: frozenset[str], progress: Callable[[int, int], None] | None
-) -> Log:
-    log = read_log(path, topics=known, progress=progress)
+def _read(path: Path | str, known: set[str], profile: RigProfile, progress: Callable[[int, int], None] | None) -> Log:
+    log = read_log(path, known, progress, columns=_looked_at(known, profile), attachments=True)
     try:
-        return with_foreign(log, wanted)
+        return with_foreign(log, topics(profile))
     except DataError as error:
         return replace(log, problems=(*log.problems, str(error)))
+
+
+def _looked_at(known: set[str], profile: RigProfile) -> dict[str, frozenset[str]]:
+    """By topic, the columns of the roles that are decoded, not much more than the stamps of all others."""
+    stamps_alone = {topic: columns.needed(_stamped(_role_of(topic, profile), profile)) for topic in known}
+    return stamps_alone | wanted(profile, ORDER)
 
 
 def _known_type(info: ChannelInfo) -> bool:
@@ -115,6 +119,11 @@ def _role_of(topic: str, profile: RigProfile) -> str:
     return next((r for r in DEFAULTS if profile.channel(r).use and profile.channel(r).topic == topic), "")
 
 
+def _stamped(role: str, profile: RigProfile) -> Channel:
+    """The channel that says where a role's stamps are; of none, any channel of the profile."""
+    return profile.channel(role) if role else profile.temperature_main
+
+
 def _channel(info: ChannelInfo, table: Table | None, profile: RigProfile) -> ChannelHealth:
     """The channel's stamps as they were written, before anything is settled."""
     role = _role_of(info.topic, profile)
@@ -123,7 +132,7 @@ def _channel(info: ChannelInfo, table: Table | None, profile: RigProfile) -> Cha
     if table is None or not len(table):
         return bare
     try:
-        stamp = columns.stamps(table, profile.channel(role) if role else profile.temperature_main)
+        stamp = columns.stamps(table, _stamped(role, profile))
     except DataError as error:
         return replace(bare, usable=not role, problems=(error.problem,))
     stamp = stamp if (stamp > 0).any() else np.asarray(table.log_time, dtype=np.int64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,12 @@ from stages.decode.attitude import with_gravity
 from stages.decode.profile import DEFAULTS, Channel, RigProfile
 
 Notes = tuple[str, ...]
+BESIDE = {
+    "gnss": ("position_covariance_type",),
+    "truth_deformation": ("total", "static_part", "dynamic_part"),
+    "truth_attitude": ("quaternion",),
+}
+"""Fields that are read beside the standard ones of a channel."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,16 @@ class Found:
 def topics(profile: RigProfile) -> frozenset[str]:
     """Topics the profile names and wants used."""
     return frozenset(profile.channel(role).topic for role in DEFAULTS if profile.channel(role).use)
+
+
+def wanted(profile: RigProfile, roles: Iterable[str] = DEFAULTS) -> dict[str, frozenset[str]]:
+    """By topic, the paths of all columns that the roles read."""
+    found: dict[str, frozenset[str]] = {}
+    for role in roles:
+        channel = profile.channel(role)
+        if channel.use:
+            found[channel.topic] = found.get(channel.topic, frozenset()) | columns.needed(channel, BESIDE.get(role, ()))
+    return found
 
 
 def has_channel(role: str, log: Log, profile: RigProfile) -> bool:
