@@ -92,14 +92,14 @@ def sample(
 
     size, which = np.unique(np.asarray(step, dtype=float), return_inverse=True)
     f = transition(damping, stiffness, size)
-    root = _cholesky(noise_covariance(damping, stiffness, std, size))
+    root = cholesky(noise_covariance(damping, stiffness, std, size))
     start = np.sqrt(np.diag(stationary_covariance(stiffness, std))) * rng.standard_normal(2)
     path = linear_recursion(f, root, which, start, rng.standard_normal((len(which), 2)))
     return path[:, 0], path[:, 1]
 
 
-def _cholesky(covariance: FloatArray) -> FloatArray:
-    """Lower factor of (..., 2, 2) matrices that may be zero."""
+def cholesky(covariance: FloatArray) -> FloatArray:
+    """Lower factor of symmetric (..., 2, 2) matrices that may be zero."""
     a = np.sqrt(np.maximum(covariance[..., 0, 0], 0.0))
     b = np.divide(covariance[..., 1, 0], a, out=np.zeros_like(a), where=a > 0.0)
     c = np.sqrt(np.maximum(covariance[..., 1, 1] - b * b, 0.0))

@@ -61,3 +61,42 @@ def _even_step(t: FloatArray) -> float:
         if abs(t[k] - t[0] - k * step) > 1e-11:
             return 0.0
     return step
+
+
+@njit(cache=True)
+def bridge_recursion(
+    path: FloatArray, index: IntArray, chained: IntArray, left: FloatArray, right: FloatArray, root: FloatArray,
+    noise: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """States (n, 2) x[k] = left[k] before + right[k] path[index[k] + 1] + root[k] noise[k] within a path (m, 2).
+
+    before is path[index[k]], or x[k - 1] where chained[k] is not zero (two in one interval).
+    """
+    out = np.empty((len(index), 2))
+    for k in range(len(index)):
+        before = out[k - 1] if chained[k] else path[index[k]]
+        after = path[index[k] + 1]
+        for i in range(2):
+            drawn = root[k, i, 0] * noise[k, 0] + root[k, i, 1] * noise[k, 1]
+            led = left[k, i, 0] * before[0] + left[k, i, 1] * before[1]
+            out[k, i] = drawn + led + right[k, i, 0] * after[0] + right[k, i, 1] * after[1]
+    return out
+
+
+@njit(cache=True)
+def stiffening_excess(
+    t: FloatArray, theta: FloatArray, damping: float, stiffness: float, gain: float, start: float
+) -> FloatArray:
+    """d (n,) with d'' + 2 mu d' + b^2 d = -b^2 g (theta + d)^3, d = start and d' = 0 at first; Heun's method."""
+    out = np.empty(len(t))
+    d, rate = start, 0.0
+    out[0] = d
+    for k in range(len(t) - 1):
+        h = t[k + 1] - t[k]
+        pull = -2.0 * damping * rate - stiffness * (d + gain * (theta[k] + d) ** 3)
+        ahead, rate_ahead = d + h * rate, rate + h * pull
+        pull_ahead = -2.0 * damping * rate_ahead - stiffness * (ahead + gain * (theta[k + 1] + ahead) ** 3)
+        d += 0.5 * h * (rate + rate_ahead)
+        rate += 0.5 * h * (pull + pull_ahead)
+        out[k + 1] = d
+    return out

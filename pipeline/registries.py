@@ -45,6 +45,11 @@ def _methods(stage: str) -> tuple[Entry, ...]:
     return tuple(Entry(name, _about(module.get(name))) for name in module.names())
 
 
+def _effects() -> tuple[Entry, ...]:
+    effects = import_module("twin.effects")
+    return tuple(Entry(name, effects.get(name).about()) for name in effects.names())
+
+
 def _about(method: type) -> str:
     """First line of a method's docstring, and where it comes from."""
     line = (method.__doc__ or "").strip().split("\n")[0]
@@ -72,7 +77,7 @@ LISTINGS: Mapping[Kind, Callable[[], tuple[Entry, ...]]] = {
     Kind.ESTIMATORS: lambda: _methods("estimate"),
     Kind.IDENTIFIERS: lambda: _methods("identify"),
     Kind.SHAPES: lambda: _methods("shape"),
-    Kind.EFFECTS: _none,
+    Kind.EFFECTS: _effects,
     Kind.TWINS: _twins,
     Kind.EXPERIMENTS: _none,
 }

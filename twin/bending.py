@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from physics import flexure
+from physics import flexure_path
 from physics.units import ARCMIN
 from schemas.errors import DataError
 from twin.config import Flexure
-from twin.effects import Effect
+from twin.effects import Effect, generators
 from twin.scene import Scene
 
 FloatArray = NDArray[np.float64]
@@ -62,13 +62,18 @@ def ticks(t: FloatArray) -> IntArray:
 def draw_path(
     instants: Sequence[FloatArray], scene: Scene, effects: Sequence[Effect], rng: np.random.Generator
 ) -> FlexurePath:
-    """The flexure at the union of all instants, drawn exactly, the quasi-static sine and the effects added."""
-    tick = np.sort(np.concatenate([ticks(t) for t in instants]), kind="stable")  # sorted runs: quick to merge
-    tick = tick[np.concatenate([[True], np.diff(tick) > 0])]
-    t = tick * TICK
-    theta = _markov(scene.twin.flexure, t, rng) + quasi_static(scene.twin.flexure, t)
+    """The flexure at the union of all instants, drawn exactly, the quasi-static sine and the effects added.
+
+    The first instants are the base: what is asked for beside them does not change the path there.
+    """
+    tick, base = _union(instants)
+    t, draws = np.asarray(tick * TICK, dtype=np.float64), generators(effects, rng)
+    theta = _markov(scene.twin.flexure, t, base, rng)
     for effect in effects:
-        theta = effect.flexure(t, theta, scene, rng)
+        theta = effect.sea_flexure(t, theta, scene)
+    theta = theta + quasi_static(scene.twin.flexure, t)
+    for effect, draw in zip(effects, draws):
+        theta = effect.flexure(t, theta, scene, draw)
     if theta.shape != (len(t), 3) or not np.isfinite(theta).all():
         raise DataError("an effect left a flexure that is not a finite path")
     return FlexurePath(tick, theta)
@@ -107,16 +112,34 @@ def margin(cutoff: float) -> float:
     return max(MARGIN, 6.0 / cutoff)
 
 
-def _markov(belief: Flexure, t: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Second-order Gauss-Markov paths (n, 3) rad at increasing times, a generator of its own for each axis."""
-    step = np.diff(ticks(t)) * TICK
-    theta = np.zeros((len(t), 3))
-    for axis, child in enumerate(rng.spawn(3)):
-        damping, std = belief.damping[axis], belief.std_arcmin[axis] * ARCMIN
-        if std > 0.0:
-            stiffness = damping**2 + belief.frequency[axis] ** 2
-            theta[:, axis] = flexure.sample(damping, stiffness, std, step, child)[0]
+def _union(instants: Sequence[FloatArray]) -> tuple[IntArray, NDArray[np.bool_]]:
+    """All instants in order (ticks), and which of them belong to the first set or lie outside it."""
+    first = ticks(instants[0])
+    tick = np.sort(np.concatenate([ticks(t) for t in instants]), kind="stable")  # sorted runs: quick to merge
+    tick = tick[np.concatenate([[True], np.diff(tick) > 0])]
+    nearest = first[np.minimum(np.searchsorted(first, tick), len(first) - 1)]
+    return tick, (nearest == tick) | (tick < first[0]) | (tick > first[-1])
+
+
+def _markov(belief: Flexure, t: FloatArray, base: NDArray[np.bool_], rng: np.random.Generator) -> FloatArray:
+    """Second-order Gauss-Markov paths (n, 3) rad at increasing times, those of the base drawn first."""
+    damping, frequency = np.array(belief.damping), np.array(belief.frequency)
+    std = np.array(belief.std_arcmin) * ARCMIN
+    axes = flexure_path.Axes(damping, damping**2 + frequency**2, std, correlation(belief))
+    main, other = rng.spawn(2)
+    step = np.diff(ticks(t[base])) * TICK
+    drawn = flexure_path.draw(axes, step, main)
+    theta = np.empty((len(t), 3))
+    theta[base] = drawn[:, :, 0].T * std
+    if not base.all():
+        theta[~base] = flexure_path.between(axes, t[base], drawn, t[~base], other).T * std
     return theta
+
+
+def correlation(belief: Flexure) -> FloatArray:
+    """Correlation (3, 3) of the white forcing of the axes."""
+    xy, xz, yz = belief.correlation
+    return np.array([[1.0, xy, xz], [xy, 1.0, yz], [xz, yz, 1.0]])
 
 
 def _quintic(left: FloatArray, right: FloatArray, x: FloatArray, h: float) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -117,16 +117,23 @@ class Mount(Section):
 
 
 class Flexure(Section):
-    """Second-order Gauss-Markov flexure and a slow sine per axis: mu 1/s, lambda rad/s, standard deviation arcmin."""
+    """Second-order Gauss-Markov flexure and a slow sine per axis: mu 1/s, lambda rad/s, standard deviation arcmin.
+
+    correlation: of the white forcing of two axes, xy xz yz.
+    """
 
     damping: tuple[Positive, Positive, Positive] = (0.2146, 0.2146, 0.0715)
     frequency: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
     std_arcmin: tuple[NotNegative, NotNegative, NotNegative] = (6.0, 6.0, 10.0)
     quasi_static_amplitude_arcmin: Vector = (0.0, 0.0, 0.0)
     quasi_static_period: Positive = 3600.0
+    correlation: Vector = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
     def _plausible(self) -> Flexure:
+        xy, xz, yz = self.correlation
+        if 1.0 - xy**2 - xz**2 - yz**2 + 2.0 * xy * xz * yz < 0.0 or max(abs(xy), abs(xz), abs(yz)) > 1.0:
+            raise ValueError("no three axes have such correlations")
         if max(*self.damping, *self.frequency) > 100.0 or max(self.std_arcmin) > 600.0:
             raise ValueError("a rate above 100 1/s or a standard deviation above 600 arcmin is no deck's")
         return self

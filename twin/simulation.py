@@ -25,6 +25,7 @@ from twin.sled import DeckPath
 
 FloatArray = NDArray[np.float64]
 
+LEAD = 16.0  # s, what the flexure's beginning before the record is a multiple of
 NODES = 1 << 16  # quadrature nodes worked on at a time: bounds the memory, whatever the length of the record
 STREAMS = (
     "sea",
@@ -54,11 +55,12 @@ class Simulation:
 class World:
     """A twin with everything random about ship and flexure drawn. Times in s since the epoch.
 
-    per_sample: quadrature steps per sample. grid: (k,) s, even, beyond the record at both ends.
+    draws: what each effect draws from. per_sample: quadrature steps per sample.
     """
 
     scene: Scene
     effects: tuple[Effect, ...]
+    draws: tuple[np.random.Generator, ...]
     flexure: bending.FlexurePath
     lever: bending.LeverPath
     per_sample: int
@@ -137,13 +139,15 @@ def make_world(twin: Twin, streams: dict[str, np.random.Generator]) -> World:
               for effect in built for unit in ("phins_main", "phins_sub")]  # fmt: skip
     spread = bending.margin(twin.mount.lever_bandwidth)
     earliest = min(stamped[0], measured.min(), *(t.min() for t in others)) - spread
+    earliest = LEAD * np.floor(earliest / LEAD)  # a start that a delay does not move: the same flexure is drawn
     latest = max(stamped[-1], measured.max(), *(t.max() for t in others)) + spread
     scene = Scene(twin, ShipMotion(twin.ship, realise(twin.sea, streams["sea"]), (earliest, latest)))
     step = 1.0 / (per_sample * twin.run.rate)
     count = np.arange(int(np.floor(earliest / step)), int(np.ceil(latest / step)) + 1)
     grid = np.asarray(count * step, dtype=np.float64)
     path = bending.draw_path([grid, stamped, measured, *others], scene, built, streams["flexure"])
-    return World(scene, built, path, bending.lever_path(path, grid, twin.mount.lever_bandwidth), per_sample)
+    lever = bending.lever_path(path, grid, twin.mount.lever_bandwidth)
+    return World(scene, built, effects.generators(built, streams["effects"]), path, lever, per_sample)
 
 
 def ideal_samples(world: World) -> Ideal:
@@ -205,22 +209,22 @@ def _imu(
     streams: dict[str, np.random.Generator],
 ) -> ImuSeries:
     """A unit's series from ideal samples: effects, errors, effects on the finished series."""
-    scene, belief = world.scene, getattr(world.scene.twin.imu, unit)
+    scene, belief, draws = world.scene, getattr(world.scene.twin.imu, unit), world.draws
     t = np.asarray((stamp - scene.twin.run.start * 1_000_000_000) * 1e-9, dtype=np.float64)
-    for effect in world.effects:
-        gyro = effect.gyro(unit, t, gyro, scene, streams["effects"])
-        accel = effect.accel(unit, t, accel, scene, streams["effects"])
+    for effect, rng in zip(world.effects, draws):
+        gyro = effect.gyro(unit, t, gyro, accel, scene, rng)
+        accel = effect.accel(unit, t, accel, scene, rng)
     gyro = sensors.spoil_gyro(gyro, belief, scene.twin.run.rate, streams[unit])
     accel = sensors.spoil_accel(accel, belief, scene.twin.run.rate, streams[unit])
     if unit == "sliding" and scene.twin.deck is not None:
         deck, rate = scene.twin.deck, scene.twin.run.rate
         gyro = gyro + sensors.outliers(len(gyro), rate, deck.outlier_rate, deck.outlier_size, streams[unit])
-    return _finished(ImuSeries(stamp, gyro, accel), unit, world, streams)
+    return _finished(ImuSeries(stamp, gyro, accel), unit, world)
 
 
-def _finished(series: ImuSeries, unit: str, world: World, streams: dict[str, np.random.Generator]) -> ImuSeries:
-    for effect in world.effects:
-        series = effect.imu(unit, series, world.scene, streams["effects"])
+def _finished(series: ImuSeries, unit: str, world: World) -> ImuSeries:
+    for effect, rng in zip(world.effects, world.draws):
+        series = effect.imu(unit, series, world.scene, rng)
     return series
 
 
@@ -255,8 +259,8 @@ def _phins(
     attitude = sensors.phins_attitude(
         _attitude_as_stamped(world, unit, t, q_n_imu), angles_deg, scene.twin.phins, scene.twin.run.rate, rng
     )
-    for effect in world.effects:
-        attitude = effect.attitude(unit, t, attitude, scene, streams["effects"])
+    for effect, own in zip(world.effects, world.draws):
+        attitude = effect.attitude(unit, t, attitude, scene, own)
     turn, noise = sensors.installation(angles_deg), sensors.phins_noise(scene.twin.phins)
     series = ImuSeries(
         stamp=stamp,
@@ -264,7 +268,7 @@ def _phins(
         accel=sensors.spoil_accel(accel @ turn, noise, scene.twin.run.rate, rng),
         attitude=attitude,
     )
-    return _finished(series, unit, world, streams)
+    return _finished(series, unit, world)
 
 
 def _attitude_as_stamped(world: World, unit: str, t: FloatArray, q_n_imu: FloatArray) -> FloatArray:

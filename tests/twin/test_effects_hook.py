@@ -1,5 +1,7 @@
 """What an effect can reach: a probe registered for the test acts through every hook."""
 
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
@@ -12,10 +14,9 @@ from twin.effects import Effect
 class Probe(Effect):
     """Does one thing through one hook."""
 
-    name = "probe"
-
-    def __init__(self, hook: str, size: float = 1.0) -> None:
-        self.hook, self.size = hook, size
+    name: ClassVar[str] = "probe"
+    hook: str
+    size: float = 1.0
 
     def twin(self, twin):
         if self.hook != "twin":
@@ -34,7 +35,7 @@ class Probe(Effect):
     def mount(self, t, phi, scene):
         return phi + np.outer(t > 5.0, [self.size, 0, 0]) if self.hook == "mount" else phi
 
-    def gyro(self, unit, t, gyro, scene, rng):
+    def gyro(self, unit, t, gyro, accel, scene, rng):
         return gyro + self.size * scene.angles(t) if self.hook == "gyro" and unit == "sub" else gyro
 
     def accel(self, unit, t, accel, scene, rng):

@@ -1,0 +1,28 @@
+"""Drift of the sub-IMU's clock."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physics.units import PPM
+from twin.effects._effect import Effect
+from twin.effects._parameters import parameter
+
+FloatArray = NDArray[np.float64]
+
+
+class ClockDrift(Effect):
+    """The sub-IMU's clock runs fast by drift: a sample stamped t was measured at t / (1 + drift)."""
+
+    name: ClassVar[str] = "clock_drift"
+    drift: float = parameter(
+        "ppm", "of the sub-IMU's clock; above 0 the delay grows", prior=(0.01, 100.0), most=1e4, neutral=0.0
+    )
+    advice: ClassVar[str] = "Discipline the sub-IMU's clock (PTP or a common pulse), or align the log in pieces."
+
+    def sub_clock(self, t: FloatArray) -> FloatArray:
+        """True time at the clock's time t; both agree at the start."""
+        return t / (1.0 + self.drift * PPM) if self.drift else t

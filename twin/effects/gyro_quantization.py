@@ -1,0 +1,33 @@
+"""Quantised output of the sub-IMU's gyros."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from physics.units import ARCSEC
+from schemas.trial import ImuSeries
+from twin.effects._effect import Effect
+from twin.effects._parameters import parameter
+
+if TYPE_CHECKING:
+    from twin.scene import Scene
+
+
+class GyroQuantization(Effect):
+    """Gyros of the sub-IMU that count whole steps of angle and carry the rest over to the next sample."""
+
+    name: ClassVar[str] = "gyro_quantization"
+    step: float = parameter("arcsec", "of angle per count", prior=(1e-4, 10.0), least=0.0, most=3600.0, neutral=0.0)
+    needs: ClassVar[tuple[str, ...]] = ("sub.gyro",)
+    advice: ClassVar[str] = "Use the unit's output of full resolution, or model the white error of angle it leaves."
+
+    def imu(self, unit: str, series: ImuSeries, scene: Scene, rng: np.random.Generator) -> ImuSeries:
+        """Differences of the integrated rate rounded to whole steps: increments are multiples of the step."""
+        if unit != "sub" or not self.step:
+            return series
+        count = self.step * ARCSEC * scene.twin.run.rate  # rad/s of one count in a sample
+        total = np.rint(np.cumsum(series.gyro, axis=0) / count)
+        return replace(series, gyro=np.diff(total, axis=0, prepend=0.0) * count)

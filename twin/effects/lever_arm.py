@@ -1,0 +1,32 @@
+"""Error of the lever arm."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from twin.effects._change import added, section
+from twin.effects._effect import ACCELEROMETERS, GYROS, LookAlike, PerAxis
+from twin.effects._parameters import parameter
+
+if TYPE_CHECKING:
+    from twin.config import Twin
+
+METRES = parameter("m", "added to the twin's", prior=(1e-3, 1.0), most=100.0, default=0.0, neutral=0.0)
+
+
+class LeverArm(PerAxis):
+    """The sub-IMU stands elsewhere than the twin says: r + e, main to sub, in m-axes."""
+
+    name: ClassVar[str] = "lever_arm"
+    x: float = METRES
+    y: float = METRES
+    z: float = METRES
+    needs: ClassVar[tuple[str, ...]] = (*GYROS, *ACCELEROMETERS)
+    look_alikes: ClassVar[tuple[LookAlike, ...]] = (
+        LookAlike("accel_scale_factor", 0.75, "motion about several axes at several frequencies: a turn, a head sea"),
+    )
+    advice: ClassVar[str] = "Survey the place of the sub-IMU anew and correct the lever arm in the rig profile."
+
+    def twin(self, twin: Twin) -> Twin:
+        """Lever arm = the twin's + e."""
+        return section(twin, "mount", lever_arm=added(twin.mount.lever_arm, self.size()))

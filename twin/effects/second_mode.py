@@ -1,0 +1,39 @@
+"""A second mode of the deck."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physics import flexure
+from physics.units import ARCMIN
+from twin.effects._axes import along
+from twin.effects._effect import Effect
+from twin.effects._parameters import FLEXURE_MOST, Axis, parameter
+
+if TYPE_CHECKING:
+    from twin.scene import Scene
+
+FloatArray = NDArray[np.float64]
+
+
+class SecondMode(Effect):
+    """A second mode on one axis: independent flexure with damping mu, frequency lambda and size of its own, added."""
+
+    name: ClassVar[str] = "second_mode"
+    damping: float = parameter("1/s", "mu", prior=(0.02, 1.0), least=1e-6, most=100.0, default=0.1)
+    frequency: float = parameter("rad/s", "lambda", prior=(1.0, 12.0), least=0.0, most=100.0, default=3.0)
+    std_arcmin: float = parameter("arcmin", "sigma", prior=(0.02, 10.0), least=0.0, most=FLEXURE_MOST, neutral=0.0)
+    axis: Axis = "x"
+    advice: ClassVar[str] = "Give the estimator a second flexure mode on this axis."
+    bends: ClassVar[bool] = True
+
+    def flexure(self, t: FloatArray, theta: FloatArray, scene: Scene, rng: np.random.Generator) -> FloatArray:
+        """theta + a stationary second-order Gauss-Markov path."""
+        if not self.std_arcmin:
+            return theta
+        stiffness = self.damping**2 + self.frequency**2
+        path = flexure.sample(self.damping, stiffness, self.std_arcmin * ARCMIN, np.round(np.diff(t), 10), rng)[0]
+        return theta + along(self.axis, path)
