@@ -18,6 +18,12 @@ REGISTRY = Registry(
     {
         "smoother": "stages.estimate.smoother:Smoother",
         "filter": "stages.estimate.smoother:CausalFilter",
+        "td-ma": "stages.estimate.td_ma:TdMa",
+        "td-noma": "stages.estimate.td_ma:TdNoMa",
+        "notd-ma": "stages.estimate.td_ma:NoTdMa",
+        "notd-noma": "stages.estimate.td_ma:NoTdNoMa",
+        "model-free": "stages.estimate.model_free:ModelFree",
+        "traditional": "stages.estimate.model_free:Traditional",
     },
 )
 

@@ -1,0 +1,1 @@
+"""Attitude quaternion matching as published: what TD-MA, the model-free method and its traditional rival share."""
