@@ -13,7 +13,16 @@ from schemas.products import Alignment, FlexureModel
 from schemas.trial import Trial
 from stages.registry import Registry
 
-REGISTRY = Registry("identifier", {"whittle": "stages.identify.whittle:Whittle"})
+REGISTRY = Registry(
+    "identifier",
+    {
+        "whittle": "stages.identify.whittle:Whittle",
+        "acf": "stages.identify.acf:Autocorrelation",
+        "rvm": "stages.identify.rvm:RelevanceVectorMachine",
+        "svr": "stages.identify.svr:SupportVectorRegression",
+        "woa": "stages.identify.woa:WhaleOptimisation",
+    },
+)
 
 
 class Identifier(Protocol):
