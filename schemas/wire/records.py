@@ -30,6 +30,7 @@ MESSAGE_HEAD = np.dtype(
 )
 MESSAGE_BODY = 22  # bytes of a message record before its payload
 MAX_CHUNK = 1 << 29  # bytes; recorders write chunks of some MiB, anything near this is damage or malice
+_OFFSET = struct.Struct("<HQ")
 CHUNK_HEAD = struct.Struct("<QQQII")
 
 _PARSERS: dict[int, Any] = {
@@ -66,6 +67,8 @@ def parse_record(opcode: int, body: bytes) -> Any:
     """The mcap record of a body; None for opcodes not known here. Raises RecordError for a damaged one."""
     stream = _StrictStream(BytesIO(body))
     try:
+        if opcode == Opcode.CHUNK_INDEX:
+            return _chunk_index(body)
         if opcode == Opcode.MESSAGE:
             return mcap.Message.read(stream, len(body))
         parser = _PARSERS.get(opcode)
@@ -74,6 +77,27 @@ def parse_record(opcode: int, body: bytes) -> Any:
         raise
     except Exception as error:
         raise RecordError(f"a damaged record of type 0x{opcode:02x} ({error or type(error).__name__})") from error
+
+
+def _chunk_index(body: bytes) -> mcap.ChunkIndex:
+    """As the library parses it, in a tenth of its time: a long log has hundreds of them, each with a map."""
+    start_time, end_time, start, length, size = struct.unpack_from("<QQQQI", body)
+    if size % _OFFSET.size:
+        raise RecordError("a chunk index whose map does not hold whole entries")
+    place = 36 + size
+    index_length, name = struct.unpack_from("<QI", body, place)
+    data_size, plain_size = struct.unpack_from("<QQ", body, place + 12 + name)
+    return mcap.ChunkIndex(
+        chunk_length=length,
+        chunk_start_offset=start,
+        compression=body[place + 12 : place + 12 + name].decode(),
+        compressed_size=data_size,
+        message_end_time=end_time,
+        message_index_length=index_length,
+        message_index_offsets=dict(_OFFSET.iter_unpack(body[36:place])),
+        message_start_time=start_time,
+        uncompressed_size=plain_size,
+    )
 
 
 def frames(data: bytes | memoryview, start: int = 0) -> Iterator[tuple[int, int, int]]:

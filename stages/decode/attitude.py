@@ -34,11 +34,12 @@ def attitude(table: Table, channel: ImuChannel) -> tuple[FloatArray, NDArray[np.
     if not columns.has(table, channel, "orientation"):
         return None
     quaternion = columns.vector(table, channel, "orientation")
-    norm = np.linalg.norm(quaternion, axis=1)
+    norm = norm_of(quaternion)
     given = (np.abs(norm - 1.0) < NORM_TOLERANCE) & ~_declared_unavailable(table, channel)
     if not given.any():
         return None
-    quaternion[~given] = (0.0, 0.0, 0.0, 1.0)
+    if not given.all():
+        quaternion[~given] = (0.0, 0.0, 0.0, 1.0)
     return _to_enu_hull(quaternion, convention, channel.hull_rotation), given
 
 
@@ -69,6 +70,11 @@ def with_gravity(unit: ImuSeries, source: ImuSeries, R_imu_source: FloatArray, g
     return ImuSeries(unit.stamp[valid], unit.gyro[valid], restored, own, unit.instantaneous)
 
 
+def norm_of(quaternion: FloatArray) -> FloatArray:
+    """(n,) norms of (n, 4)."""
+    return np.sqrt(np.einsum("ij,ij->i", quaternion, quaternion))
+
+
 def _from_angles(table: Table, channel: ImuChannel) -> tuple[FloatArray, NDArray[np.bool_]] | None:
     angles = [columns.scalar(table, channel, name) for name in ("heading", "pitch", "roll")]
     given = np.asarray(np.isfinite(angles).all(axis=0))
@@ -85,8 +91,10 @@ def _declared_unavailable(table: Table, channel: ImuChannel) -> NDArray[np.bool_
 
 def _to_enu_hull(quaternion: FloatArray, convention: Attitude, R_hull_log: FloatArray) -> FloatArray:
     """``R_enu_hull = R_enu_nav R_nav_log R_hull_log^T``, unit quaternions."""
-    q_enu_nav = Rotation.from_matrix(R_ENU_NAV[convention.frame]).as_quat()
-    q_log_hull = Rotation.from_matrix(R_hull_log.T).as_quat()
-    q_nav_log = quaternions.conjugate(quaternion) if convention.inverse else quaternion
-    mapped = quaternions.multiply(quaternions.multiply(q_enu_nav, q_nav_log), q_log_hull)
-    return np.asarray(mapped / np.linalg.norm(mapped, axis=1, keepdims=True))
+    mapped = quaternions.conjugate(quaternion) if convention.inverse else quaternion
+    R_enu_nav = R_ENU_NAV[convention.frame]
+    if not np.array_equal(R_enu_nav, np.eye(3)):
+        mapped = quaternions.multiply(Rotation.from_matrix(R_enu_nav).as_quat(), mapped)
+    if not np.array_equal(R_hull_log, np.eye(3)):
+        mapped = quaternions.multiply(mapped, Rotation.from_matrix(R_hull_log.T).as_quat())
+    return np.asarray(mapped / norm_of(mapped)[:, None])

@@ -128,9 +128,9 @@ def truth(deformation: Table, channel: Channel, attitude_table: Table | None, ab
     """Truth of a simulated log."""
     parts = [columns.vector(deformation, channel, name) for name in ("total", "static_part", "dynamic_part")]
     settled = _settle(deformation, channel, None, *parts)
-    good = np.asarray(np.isfinite(np.concatenate(parts, axis=1)).all(axis=1))[settled.keep]
+    good = np.logical_and.reduce([values.every(np.isfinite(part)) for part in parts])[settled.keep]
     _enough(int(np.count_nonzero(good)), 2)
-    total, static_part, dynamic_part = (part[settled.keep][good] for part in parts)
+    total, static_part, dynamic_part = (_taken(part, settled.keep[good]) for part in parts)
     when, attitudes = _true_attitude(attitude_table, about) if attitude_table else (None, None)
     return Truth(settled.stamp[good], total, static_part, dynamic_part, when, attitudes)
 
@@ -139,11 +139,11 @@ def _true_attitude(table: Table, channel: Channel) -> tuple[IntArray, FloatArray
     quaternion = columns.vector(
         table, channel.model_copy(update={"fields": {"orientation": "quaternion"}}), "orientation"
     )
-    norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    norm = attitude.norm_of(quaternion)
     settled = _settle(table, channel, None, quaternion)
-    good = norm[settled.keep, 0] > 0.5
+    good = norm[settled.keep] > 0.5
     keep = settled.keep[good]
-    return settled.stamp[good], quaternion[keep] / norm[keep]
+    return settled.stamp[good], _taken(quaternion, keep) / norm[keep, None]
 
 
 def _settle(table: Table, channel: Channel, epoch: int | None, *data: FloatArray) -> stamps.Settled:

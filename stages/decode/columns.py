@@ -119,8 +119,11 @@ def _names(table: Table, channel: Channel, field: str) -> Sequence[str]:
 
 def _stacked(table: Table, names: Sequence[str]) -> FloatArray:
     """(n, k) float64; what is infinite or beyond any physical quantity is NaN, so that nothing overflows later."""
-    values = np.column_stack([_number(table, name) for name in names]).astype(np.float64, copy=False)
-    values[~(np.abs(values) < ABSURD)] = np.nan
+    parts = [column if column.ndim == 2 else column[:, None] for column in (_number(table, name) for name in names)]
+    values = np.empty((len(table), sum(part.shape[1] for part in parts)))
+    np.concatenate(parts, axis=1, out=values, casting="unsafe")
+    if values.size and not (values.min() > -ABSURD and values.max() < ABSURD):  # false for NaN too
+        values[~(np.abs(values) < ABSURD)] = np.nan
     return values
 
 

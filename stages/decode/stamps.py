@@ -90,14 +90,21 @@ def settle(stamp: IntArray, log_time: IntArray, same: Same, epoch: int | None = 
     from; None: the first stamp that is left. Raises DataError where no trustworthy stamps are left.
     """
     stamp, keep, notes = _measured(stamp, log_time)
-    for act in (_without_glitches, _one_clock, _sorted):
-        kept, told = act(stamp[keep], log_time[keep])
+    if not (len(keep) == len(stamp) and _in_order(stamp)):
+        for act in (_without_glitches, _one_clock, _sorted):
+            kept, told = act(stamp[keep], log_time[keep])
+            keep, notes = keep[kept], notes + told
+        kept, told = _distinct(stamp[keep], keep, same)
         keep, notes = keep[kept], notes + told
-    kept, told = _distinct(stamp[keep], keep, same)
-    keep = keep[kept]
     start = epoch if epoch is not None else int(stamp[keep[0]])
     found = facts(stamp[keep])
-    return Settled(keep, stamp[keep], notes + told + _jitter_note(found) + _gap_note(found, stamp[keep], start))
+    return Settled(keep, stamp[keep], notes + _jitter_note(found) + _gap_note(found, stamp[keep], start))
+
+
+def _in_order(stamp: IntArray) -> bool:
+    """Strictly increasing without a jump: nothing to settle (the usual case, and the arrays are large)."""
+    step = np.diff(stamp)
+    return len(step) > 0 and bool(step.min() > 0 and step.max() <= CLOCK_STEP_NS)
 
 
 def _measured(stamp: IntArray, log_time: IntArray) -> tuple[IntArray, IntArray, tuple[str, ...]]:

@@ -5,6 +5,8 @@ The checks only flag: :func:`usable` says which samples may be kept, :func:`rema
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,7 +37,7 @@ def usable(
     _refuse_mostly(~finite, "not finite or beyond any sensor's range")
     _refuse_constant(gyro[finite], "gyro")
     _refuse_constant(accel[finite], "accelerometer")
-    stuck = frozen(stamp, np.concatenate([gyro, accel], axis=1))
+    stuck = frozen(stamp, gyro, accel)
     _refuse_mostly(stuck, "frozen (all values unchanged)")
     notes = counted(~finite, stamp, epoch, "not finite or out of any sensor's range left out")
     notes += counted(
@@ -46,7 +48,7 @@ def usable(
 
 def remarks(stamp: IntArray, gyro: FloatArray, accel: FloatArray) -> tuple[str, ...]:
     """What looks odd in the values but stays: held, saturated and spiky samples."""
-    notes = _held(np.concatenate([gyro, accel], axis=1))
+    notes = _held(_repeated(gyro, accel))
     near = _evenly_spaced(stamp)
     for name, values in (("gyro", gyro), ("accelerometer", accel)):
         for axis, column in zip(_AXES, values.T):
@@ -55,27 +57,43 @@ def remarks(stamp: IntArray, gyro: FloatArray, accel: FloatArray) -> tuple[str, 
     return notes
 
 
-def frozen(stamp: IntArray, values: FloatArray) -> BoolArray:
-    """(n,) True for the repeats within stretches of identical rows of values (n, k) that last too long.
+def every(mask: BoolArray) -> BoolArray:
+    """(n,) whether all of a row of mask (n, k) are True; column by column, since numpy is slow on many short rows."""
+    return np.asarray(functools.reduce(np.logical_and, mask.T))
+
+
+def frozen(stamp: IntArray, *parts: FloatArray) -> BoolArray:
+    """(n,) True for the repeats within stretches of rows, identical in all parts (n, k), that last too long.
 
     The first row of a stretch is taken for a measurement, unless all of it is zero.
     """
-    repeat = np.zeros(len(stamp), dtype=bool)
-    repeat[1:] = (values[1:] == values[:-1]).all(axis=1)
+    repeat = np.concatenate([[False], _repeated(*parts)])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], repeat, [False]]).astype(np.int8)))
     first, last = edges[0::2], edges[1::2]
     long = (last - first >= FROZEN_SAMPLES) & ((stamp[last - 1] - stamp[first - 1]) * 1e-9 > FROZEN_S)
     first, last = first[long], last[long]
-    first = first - (values[first - 1] == 0.0).all(axis=1)
+    first = first - every(np.concatenate([part[first - 1] == 0.0 for part in parts], axis=1))
     change = np.zeros(len(stamp) + 1, dtype=np.int64)
     change[first] += 1
     change[last] -= 1
     return np.cumsum(change[:-1]) > 0
 
 
+def _repeated(*parts: FloatArray) -> BoolArray:
+    """(n - 1,) whether a row is identical to the one before it in all parts (n, k)."""
+    same = np.asarray(parts[0][1:, 0] == parts[0][:-1, 0])
+    rows = np.flatnonzero(same)
+    for part in parts:
+        same[rows] &= every(part[rows + 1] == part[rows])
+    return same
+
+
 def _within(values: FloatArray, kind: str) -> BoolArray:
+    limit = LIMITS[kind]
+    if values.min() > -limit and values.max() < limit:  # false for NaN too
+        return np.ones(len(values), dtype=bool)
     with np.errstate(invalid="ignore"):
-        return np.asarray((np.abs(values) < LIMITS[kind]).all(axis=1))
+        return every(np.abs(values) < limit)
 
 
 def _refuse_mostly(bad: BoolArray, what: str) -> None:
@@ -101,8 +119,8 @@ def counted(bad: BoolArray, stamp: IntArray, epoch: int | None, what: str) -> tu
     return (f"{count} sample{'s' if count > 1 else ''} {what}, the first at t = {at:.3f} s",)
 
 
-def _held(values: FloatArray) -> tuple[str, ...]:
-    share = float(np.mean((values[1:] == values[:-1]).all(axis=1))) if len(values) > 1 else 0.0
+def _held(repeated: BoolArray) -> tuple[str, ...]:
+    share = float(np.mean(repeated)) if len(repeated) else 0.0
     if share < HELD_SHARE:
         return ()
     return (f"{100.0 * share:.0f} % of the samples repeat the one before: the unit is slower than its channel",)
