@@ -23,7 +23,8 @@ from schemas.trial import Trial
 from stages.estimate.quaternion_matching import deforming, linear, unscented
 from stages.estimate.quaternion_matching.answer import Matched, deformation, from_linear, from_network
 from stages.estimate.quaternion_matching.density import LAG_S, densities
-from stages.paired import Linearisation, Observations, observe, pair
+from stages.estimate.quaternion_matching.gaps import integrated, rejoined
+from stages.paired import Linearisation, Observations, observe
 
 ANGLE_PRIOR = 60.0 * ARCMIN  # rad, of the deformation and of d, at least
 INPUT_SCALE = 10.0 * ARCMIN  # rad, by which Z is divided before it enters the network
@@ -55,7 +56,8 @@ class Setting:
         """The match about ``rotation`` (3, 3), the sub-IMU read later by the delay of the alignment."""
         at = replace(Linearisation.at(alignment), R_0=rotation, R_ref=rotation)
         prior = np.maximum(ANGLE_PRIOR, 3.0 * alignment.static.std)
-        return cls(observe(pair(trial), at), linear.noise_of(trial.rig, flexure, prior, 0.0), rotation)
+        obs = rejoined(observe(integrated(trial), at), rotation, prior)
+        return cls(obs, linear.noise_of(trial.rig, flexure, prior, 0.0), rotation)
 
     def walked(self, variant: Variant) -> Filtered:
         """Random walk of phi, or of phi', with the density found in the match; found again once the drift is known."""

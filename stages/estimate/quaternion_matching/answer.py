@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from physics import quaternions
 from physics.kalman import Filtered
 from schemas.products import Alignment, Deformation, Estimate, FlexureModel, Innovations
 from schemas.rig import FloatArray
 from schemas.trial import Trial
 from stages.estimate.quaternion_matching import linear
+from stages.estimate.quaternion_matching.gaps import spread
 from stages.estimate.quaternion_matching.linear import Z_NOISE
 from stages.estimate.quaternion_matching.unscented import Trained
 from stages.paired import Observations
@@ -74,14 +76,15 @@ def deformation(
 ) -> Deformation:
     """The answer at every good sample of the main IMU."""
     obs = matched.obs
-    total = obs.total(matched.d, matched.delay)[obs.good]
-    static = Rotation.from_rotvec(_spread(obs, matched.static)[obs.good]) * Rotation.from_matrix(matched.R_ref)
+    total = total_rotation(matched)
+    onto = quaternions.exp(spread(obs, matched.static)[obs.good])
+    static = quaternions.multiply(onto, Rotation.from_matrix(matched.R_ref).as_quat())
     return Deformation(
         estimator=name,
         stamp=trial.epoch + np.rint(obs.t[obs.good] * 1e9).astype(np.int64),
-        total=total.as_rotvec(),
-        static_part=static.as_rotvec(),
-        dynamic_part=(total * static.inv()).as_rotvec(),
+        total=quaternions.log(total),
+        static_part=quaternions.log(static),
+        dynamic_part=quaternions.log(quaternions.multiply(total, quaternions.conjugate(static))),
         covariance=covariance(matched),
         alignment=alignment,
         flexure=flexure,
@@ -92,18 +95,27 @@ def deformation(
     )
 
 
+def rates(obs: Observations) -> FloatArray:
+    """(n, 3) rad/s, rate of the sub in m-axes at the samples, interpolated between the steps."""
+    return spread(obs, obs.rate_s_m)
+
+
+def total_rotation(matched: Matched) -> FloatArray:
+    """(n, 4) quaternion of ``Exp(omega_s delay - A_m^T d) Y`` at the good samples."""
+    obs = matched.obs
+    to_m = quaternions.conjugate(obs.main.attitude[obs.good])
+    drift = quaternions.rotate(to_m, spread(obs, matched.d)[obs.good])
+    ahead = rates(obs) * spread(obs, matched.delay[:, None])
+    Y = quaternions.multiply(to_m, obs.sub.attitude[obs.good])
+    return quaternions.multiply(quaternions.exp(ahead[obs.good] - drift), Y)
+
+
 def covariance(matched: Matched) -> FloatArray:
     """(n, 3, 3) rad^2 of the total at the good samples: J P J^T + R, J = [-A_m^T, omega_s]."""
     obs = matched.obs
-    P = _spread(obs, matched.P.reshape(-1, 16))[obs.good].reshape(-1, 4, 4)
+    P = spread(obs, matched.P.reshape(-1, 16))[obs.good].reshape(-1, 4, 4)
     J = np.empty((len(P), 3, 4))
     J[:, :, :3] = -np.swapaxes(Rotation.from_quat(obs.main.attitude[obs.good]).as_matrix(), 1, 2)
-    J[:, :, 3] = obs.rates()[obs.good]
+    J[:, :, 3] = rates(obs)[obs.good]
     full = J @ P @ np.swapaxes(J, 1, 2) + Z_NOISE**2 * np.eye(3)
     return np.asarray(0.5 * (full + np.swapaxes(full, 1, 2)))
-
-
-def _spread(obs: Observations, values: FloatArray) -> FloatArray:
-    """(n, k) at full rate of (N, k) at the steps."""
-    steps = obs.t[obs.index]
-    return np.stack([np.interp(obs.t, steps, column) for column in values.T], axis=1)

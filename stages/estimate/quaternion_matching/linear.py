@@ -17,6 +17,7 @@ from physics.units import ARCMIN, DEG_PER_HOUR
 from schemas.products import FlexureModel
 from schemas.rig import FloatArray, Rig
 from stages.estimate.quaternion_matching.deforming import Deforming
+from stages.estimate.quaternion_matching.gaps import drift_variance
 from stages.estimate.tuning import grade, stated
 from stages.paired import Observations
 
@@ -26,7 +27,6 @@ OUT = np.array([D, D + 1, D + 2, DELAY, STATIC, STATIC + 1, STATIC + 2])
 Z_NOISE = 0.004 * ARCMIN  # rad per step: rounding, interpolation, linearisation
 BIAS_PRIOR = 0.1 * DEG_PER_HOUR  # of a fibre or laser gyro's bias, where the rig states none
 BIAS_WALK = 0.1 / 60.0  # 1/sqrt(s): in-run instability, a tenth of the prior in an hour
-GAP_TURN = 0.05  # rad/s^3 and rad/s: what bridging of the ship's motion may miss across a gap
 
 Entry = tuple[int, int, FloatArray]  # row, column, value per step
 Sparse = tuple[IndexArray, IndexArray, FloatArray]
@@ -51,9 +51,9 @@ def noise_of(rig: Rig, flexure: FlexureModel, d_prior: FloatArray, delay_prior: 
     return Noise(float(np.median(flexure.gyro_noise)), bias, d_prior, delay_prior)
 
 
-def gap_variance(jump: FloatArray) -> FloatArray:
-    """(N,) rad^2 that bridging gaps of length jump (N,) s may have put between the integrated attitudes."""
-    return np.asarray(np.minimum(GAP_TURN * jump**3, GAP_TURN * jump) ** 2)
+def drift_walk(obs: Observations, noise: Noise) -> FloatArray:
+    """(N, 3) rad^2 that each step adds to d: angle random walk, and what gaps leave open."""
+    return noise.gyro**2 * obs.dt[:, None] + drift_variance(obs.jump_s, noise.d_prior)
 
 
 def build(obs: Observations, z: FloatArray, deforming: Deforming, noise: Noise) -> SparseModel:
@@ -90,11 +90,11 @@ def _transition(obs: Observations, deforming: Deforming) -> Sparse:
 
 def _process(obs: Observations, deforming: Deforming, noise: Noise) -> Sparse:
     entries: list[Entry] = []
-    drift = noise.gyro**2 * obs.dt + gap_variance(obs.jump_s)
+    drift = drift_walk(obs, noise)
     for axis, Q in enumerate(deforming.Q):
         phi, rate, static = PHI + axis, PHI_DOT + axis, STATIC + axis
         entries += [(phi, phi, Q[:, 0, 0]), (phi, rate, Q[:, 0, 1]), (rate, rate, Q[:, 1, 1])]
-        entries += [(static, static, deforming.static_walk**2 * obs.dt), (D + axis, D + axis, drift)]
+        entries += [(static, static, deforming.static_walk**2 * obs.dt), (D + axis, D + axis, drift[:, axis])]
         entries += [(EPS + axis, EPS + axis, (BIAS_WALK * noise.bias_prior) ** 2 * obs.dt)]
     return _sparse(entries)
 

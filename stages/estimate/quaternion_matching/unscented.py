@@ -16,7 +16,7 @@ from numba import njit
 
 from physics.units import ARCMIN
 from schemas.rig import FloatArray
-from stages.estimate.quaternion_matching.linear import BIAS_WALK, Noise, gap_variance
+from stages.estimate.quaternion_matching.linear import BIAS_WALK, Noise, drift_walk
 from stages.paired import Observations
 
 NEURONS = 3  # l
@@ -61,7 +61,7 @@ def train(
     share = density / (1.0 + neurons) / OUTPUT_SCALE**2
     walk = np.zeros((len(z), len(x0)))
     walk[:, : weights(neurons)] = (share * obs.dt)[:, None]
-    walk[:, -7:-4] = ((noise.gyro**2 * obs.dt + gap_variance(obs.jump_s)) / ARCMIN**2)[:, None]
+    walk[:, -7:-4] = drift_walk(obs, noise) / ARCMIN**2
     walk[:, -4:-1] = ((BIAS_WALK * noise.bias_prior / ARCMIN) ** 2 * obs.dt)[:, None]
     x, P, g, innovation = unscented_filter(
         np.nan_to_num(inputs), z / ARCMIN, np.ascontiguousarray(np.swapaxes(obs.A_end, 1, 2)), obs.A_integral,

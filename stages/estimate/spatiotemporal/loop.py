@@ -17,9 +17,10 @@ from schemas.products import Alignment, FlexureModel
 from schemas.trial import Trial
 from stages.estimate.quaternion_matching import linear
 from stages.estimate.quaternion_matching.deforming import markov
+from stages.estimate.quaternion_matching.gaps import integrated, rejoined
 from stages.estimate.spatiotemporal.coarse import STD_CEILING, Coarse, Vectors, coarse_alignment
 from stages.estimate.spatiotemporal.measurement import measured
-from stages.paired import Linearisation, Observations, Paired, observe, pair
+from stages.paired import Linearisation, Observations, Paired, observe
 
 LOOP_S = 300.0  # s of record on which delay and coarse alignment are found
 NODE_EARLIEST_S = 60.0  # s before which the coarse alignment of loop 1 is not trusted
@@ -89,11 +90,11 @@ class Job:
         """Align, observe, filter with the sub-IMU shifted."""
         coarse = self.coarse(shift)
         at = replace(Linearisation.at(self.alignment), R_0=coarse.rotation, R_ref=coarse.rotation, delay=shift)
-        obs = observe(paired, at)
         flexure = self.flexure
-        deforming = markov(flexure.damping, flexure.stiffness, flexure.std, obs.dt, coarse.std, STATIC_WALK)
         # At the start d = -(static + flexure), both as seen from the coarse alignment.
         d_prior = np.hypot(coarse.std, flexure.std)
+        obs = rejoined(observe(paired, at), coarse.rotation, d_prior)
+        deforming = markov(flexure.damping, flexure.stiffness, flexure.std, obs.dt, coarse.std, STATIC_WALK)
         noise = linear.noise_of(self.trial.rig, flexure, d_prior, DELAY_PRIOR_S if self.plan.time else 0.0)
         z = measured(obs, self.plan.as_printed)
         return Loop(shift, coarse, obs, noise, linear.run(obs, z, deforming, noise))
@@ -101,7 +102,7 @@ class Job:
 
 def align_and_filter(trial: Trial, alignment: Alignment, flexure: FlexureModel, plan: Plan) -> Found:
     """The method on a trial. Raises DataError when the units hardly overlap."""
-    job = Job(trial, alignment, flexure, plan, pair(trial))
+    job = Job(trial, alignment, flexure, plan, integrated(trial))
     if not plan.time:
         return Found(job.loop(job.paired, 0.0), float("nan"), 0.0, 0.0, job.sample, (0.0,))
     start = job.paired.main.t[0]
