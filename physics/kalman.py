@@ -44,8 +44,9 @@ class SparseModel:
 
 @dataclass(frozen=True)
 class Filtered:
-    """x: (N, n) posterior means. P_out: (N, o, n) rows ``out`` of the posterior covariances. innovation, innovation_variance:
-    (N, m), NaN where nothing was measured. gain: (N, m, n). P_last: (n, n). log_likelihood: of all measurements.
+    """x: (N, n) posterior means. P_out: (N, o, n) rows ``out`` of the posterior covariances.
+
+    innovation, innovation_variance: (N, m), NaN where nothing was measured. gain: (N, m, n). P_last: (n, n). log_likelihood: of all measurements.
     """
 
     out: IndexArray
@@ -161,8 +162,8 @@ def _forward(
                 x[j] += factor * residual
                 if keep:
                     gain[k, i, j] = factor
-                for l in range(n):
-                    P[j, l] -= factor * hP[l]
+                for c2 in range(n):
+                    P[j, c2] -= factor * hP[c2]
         for i in range(n):  # rounding must not let P lose its symmetry
             for j in range(i):
                 mean = 0.5 * (P[i, j] + P[j, i])
@@ -222,8 +223,8 @@ def _backward(
                 dot += gain[k, i, j] * adjoint[j]
             for j in range(n):
                 Lk[j] = 0.0
-                for l in range(n):
-                    Lk[j] += information[j, l] * gain[k, i, l]
+                for c2 in range(n):
+                    Lk[j] += information[j, c2] * gain[k, i, c2]
                 scale += Lk[j] * gain[k, i, j]
             for a in range(c):
                 h = H[k, i, a]

@@ -45,12 +45,11 @@ class Strapdown:
     velocity: FloatArray
 
 
-def interval_means(t: FloatArray, values: FloatArray) -> FloatArray:
+def interval_means(values: FloatArray) -> FloatArray:
     """Means over the interval ending at each stamp of a signal (n, 3) sampled at the stamps, by a local cubic.
 
     Exact for cubics on a uniform grid: ``(-x[k-2] + 13 x[k-1] + 13 x[k] - x[k+1]) / 24``.
     """
-    del t
     padded = np.concatenate([3 * values[:1] - 3 * values[1:2] + values[2:3], values, values[-1:]])
     padded[-1] = 3 * values[-1] - 3 * values[-2] + values[-3]
     previous = np.concatenate([padded[:1], padded[:-3]])
@@ -220,7 +219,7 @@ def interpolate(path: Strapdown, at: FloatArray) -> Strapdown:
 @njit(cache=True, nogil=True)
 def _match(
     a_m: FloatArray, v_m: FloatArray, v_s: FloatArray, index: NDArray[np.int64]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     steps = len(index)
     A_end = np.zeros((steps, 3, 3))
     A_mean = np.zeros((steps, 3, 3))
@@ -229,7 +228,6 @@ def _match(
     before = np.zeros((3, 3))
     u = np.zeros(3)
     u_before = np.zeros(3)
-    u_end = np.zeros((steps, 3))
     k = 0
     for i in range(index[-1] + 1):
         x, y, z, w = a_m[i, 0], a_m[i, 1], a_m[i, 2], a_m[i, 3]
@@ -248,20 +246,18 @@ def _match(
                     A_mean[k, r, c] += share * (matrix[r, c] + before[r, c])
         if i == index[k]:
             A_end[k] = matrix
-            u_end[k] = u
             if k == 0:
                 A_mean[0] = matrix
                 u_mean[0] = u
             k += 1
         before[:] = matrix
         u_before[:] = u
-    return A_end, A_mean, u_end, u_mean
+    return A_end, A_mean, u_mean
 
 
-def step_means(
-    main: Strapdown, sub: Strapdown, index: NDArray[np.int64]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Over steps that end at samples ``index`` (N,): A_m at their ends and its mean, both (N, 3, 3); the relative velocity
-    ``A_m^T (V_s - V_m)`` at their ends and its mean, both (N, 3). Means are trapezoidal; step 0 is the first sample.
+def step_means(main: Strapdown, sub: Strapdown, index: NDArray[np.int64]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Means over steps that end at samples ``index`` (N,).
+
+    A_m at their ends and its mean, both (N, 3, 3), and the mean of the relative velocity ``A_m^T (V_s - V_m)``, (N, 3). Means are trapezoidal; step 0 is the first sample.
     """
     return _match(main.attitude, main.velocity, sub.velocity, index)

@@ -1,7 +1,7 @@
 """Whittle maximum likelihood of second-order Gauss-Markov flexure from sampled angles.
 
-Model per axis: ``theta'' + 2 mu theta' + b^2 theta = w`` with PSD of w ``q = 4 mu b^2 sigma^2``, seen through increments
-``theta[k] - theta[k-1]`` over the sampling interval T, plus white increments of variance ``N^2 T`` (angle random walk
+Model per axis: ``theta'' + 2 mu theta' + b^2 theta = w`` with PSD of w ``q = 4 mu b^2 sigma^2``, seen through
+increments ``theta[k] - theta[k-1]`` over the sampling interval T, plus white increments of variance ``N^2 T`` (angle random walk
 of the gyros). The spectrum of the sampled process is exact, aliasing included: with ``R(n) = sum c_i p_i^|n|``,
 ``p_i = exp(s_i T)``, it is ``sum c_i (1 - p_i^2) / (1 - 2 p_i cos w + p_i^2)``, for any damping.
 """
@@ -26,7 +26,7 @@ PRIOR_SPREAD = 1.5  # natural-log standard deviation
 
 @dataclass(frozen=True)
 class Periodogram:
-    """Pooled periodogram: omega (k,) rad/sample, power (k,) rad^2 (white noise of variance v has power v), count (k,)."""
+    """Pooled: omega (k,) rad/sample, power (k,) rad^2 (white noise of variance v has power v), count (k,)."""
 
     omega: FloatArray
     power: FloatArray
@@ -109,8 +109,8 @@ def fit(
 ) -> WhittleFit:
     """Maximise ``-sum count (ln S + I/S)`` plus weak log-normal priors.
 
-    T: s. noise_prior: rad/sqrt(s), centre of the prior on the gyro noise, noise_spread its natural-log sigma. weight: (k,)
-    0..1 per bin (0 leaves a bin out). start: (mu, b^2, sigma) to begin from; otherwise several starts are tried.
+    T: s. noise_prior: rad/sqrt(s), centre of the prior on the gyro noise, noise_spread its natural-log sigma. weight:
+    (k,) 0..1 per bin (0 leaves a bin out). start: (mu, b^2, sigma) to begin from; otherwise several starts are tried.
     """
     count = data.count * (1.0 if weight is None else weight)
     total = float(np.sum(data.power * data.count) / np.sum(data.count))

@@ -91,7 +91,7 @@ class Trial:
 
     def seconds(self, stamp: IntArray) -> FloatArray:
         """Seconds since the epoch of the trial, (n,), of stamps in ns (exact to 1e-9 s over months)."""
-        return (stamp - self.epoch) * 1e-9
+        return np.asarray((stamp - self.epoch) * 1e-9, dtype=np.float64)
 
     @property
     def duration(self) -> float:

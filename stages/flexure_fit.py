@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from physics import whittle
+from physics import quaternions, whittle
 from physics.units import ARCMIN, DEG_PER_SQRT_HOUR
 from schemas.errors import DataError
 from schemas.products import BoolArray, FlexureModel, Status
@@ -27,14 +26,16 @@ def gyro_noise_prior(rig: Rig) -> tuple[float, float]:
 
 
 def fit_flexure(
-    t: FloatArray, total: Rotation, good: BoolArray, rig: Rig, start: FlexureModel | None = None
+    t: FloatArray, total: FloatArray, good: BoolArray, rig: Rig, start: FlexureModel | None = None
 ) -> FlexureModel:
-    """Whittle fit of increments Log(T_k T_{k-1}^T) in m-axes. t: (n,) s; total: (n,) R_m_s; good: (n,) measured samples.
+    """Whittle fit of increments Log(T_k T_{k-1}^T) in m-axes.
+
+    t: (n,) s; total: (n, 4) R_m_s; good: (n,) measured samples.
 
     Raises DataError when no gapless piece is long enough.
     """
     T = float(np.median(np.diff(t)))
-    increments = (total[1:] * total[:-1].inv()).as_rotvec()
+    increments = quaternions.log(quaternions.multiply(total[1:], quaternions.conjugate(total[:-1])))
     pieces = _pieces(good[1:] & good[:-1], max(int(SHORTEST_RUN_S / T), 64))
     if not pieces:
         raise DataError(f"no piece of {SHORTEST_RUN_S:.0f} s without a gap: the flexure cannot be identified")

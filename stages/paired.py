@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from physics import matching
+from physics import matching, quaternions
 from physics.rotations import skew
 from schemas.errors import DataError
 from schemas.products import Alignment, BoolArray
@@ -44,7 +44,8 @@ class Paired:
         """The part from begin to end, s; the sub-IMU's with a margin for any delay."""
         return Paired(
             _cut_unit(self.main, begin, end), _cut_unit(self.sub, begin - MARGIN_S, end + MARGIN_S),
-            _cut_path(self.main_path, begin, end), _cut_path(self.sub_path, begin - MARGIN_S, end + MARGIN_S), self.spikes,
+            _cut_path(self.main_path, begin, end), _cut_path(self.sub_path, begin - MARGIN_S, end + MARGIN_S),
+            self.spikes,
         )  # fmt: skip
 
 
@@ -75,11 +76,12 @@ class Linearisation:
 class Observations:
     """Full rate (n samples) and per step (N steps of a fixed number of samples).
 
-    t: (n,) s. good: (n,) bool, measured by both units. main, sub: integrated paths in the inertial frame of the main IMU
-    at the first sample (sub: ``R_0 A_s`` and its velocity). index: (N,) sample of each step's end. dt: (N,) s.
-    jump_s: (N,) s bridged within the step. z: (N, 3) rad at the ends. u: (N, 3) m/s, mean over the step, NaN where it has
-    gaps. A_start, A_end, A_mid: (N, 3, 3) of A_m. omega: (N, 3) rad/s, mean. rate_s_m: (N, 3) rad/s of the sub at the ends,
-    in m-axes. force_i, force_s_m: (N, 3) m/s^2, mean specific force of the sub in i and in m. centred: (N,) s from the middle.
+    t: (n,) s. good: (n,) bool, measured by both units. main, sub: integrated paths in the inertial frame of the main
+    IMU at the first sample (sub: ``R_0 A_s`` and its velocity). index: (N,) sample of each step's end. dt: (N,) s.
+    jump_s: (N,) s bridged within the step, gap_end: (N,) s, when the last of it ended. z: (N, 3) rad at the ends.
+    u: (N, 3) m/s, mean over the step, NaN where it has gaps. A_start, A_end, A_mid: (N, 3, 3) of A_m. omega: (N, 3)
+    rad/s, mean. rate_s_m: (N, 3) rad/s of the sub at the ends, in m-axes. force_i, force_s_m: (N, 3) m/s^2, mean
+    specific force of the sub in i and in m. centred: (N,) s from the middle.
     """
 
     t: FloatArray
@@ -89,6 +91,7 @@ class Observations:
     index: IntArray
     dt: FloatArray
     jump_s: FloatArray
+    gap_end: FloatArray
     z: FloatArray
     u: FloatArray
     A_start: FloatArray
@@ -101,23 +104,30 @@ class Observations:
     centred: FloatArray
 
     @property
-    def A_integral(self) -> FloatArray:
+    def integral_of_A(self) -> FloatArray:
         """(N, 3, 3) s, integral of A_m over each step."""
         return np.asarray(self.A_mid * self.dt[:, None, None])
 
-    def total(self, d: FloatArray, delay: FloatArray) -> Rotation:
-        """(n,) ``Exp(-A_m^T d + omega_s delay) Y``: R_m_s once drift d (N, 3) and delay (N,), s, are known at the steps."""
+    def total(self, d: FloatArray, delay: FloatArray) -> FloatArray:
+        """(n, 4) ``Exp(-A_m^T d + omega_s delay) Y``: R_m_s, given d (N, 3) and delay (N,), s, at the steps."""
+        to_m = quaternions.conjugate(self.main.attitude)
+        correction = self.rates() * self.spread(delay[:, None]) - quaternions.rotate(to_m, self.spread(d))
+        Y = quaternions.multiply(to_m, self.sub.attitude)
+        return quaternions.multiply(quaternions.exp(correction), Y)
+
+    def spread(self, x: FloatArray) -> FloatArray:
+        """(n, c) at full rate of values (N, c) at the steps: linear, but held on either side of a bridged gap."""
         steps = self.t[self.index]
-        spread = lambda x: np.stack([np.interp(self.t, steps, column) for column in x.T], axis=1)  # noqa: E731
-        A_m = Rotation.from_quat(self.main.attitude)
-        rates = self.rates()
-        correction = rates * np.interp(self.t, steps, delay)[:, None] - A_m.inv().apply(spread(d))
-        return Rotation.from_rotvec(correction) * A_m.inv() * Rotation.from_quat(self.sub.attitude)
+        after = np.flatnonzero(self.jump_s > 0.0)
+        # Two nodes at the end of each gap: the drift may have jumped there by far more than it ever moves in a step.
+        nodes = np.concatenate([steps, np.nextafter(self.gap_end[after], -np.inf), self.gap_end[after]])
+        values = np.concatenate([x, x[after - 1], x[after]])
+        order = np.argsort(nodes, kind="stable")
+        return np.stack([np.interp(self.t, nodes[order], column) for column in values[order].T], axis=1)
 
     def rates(self) -> FloatArray:
         """(n, 3) rad/s, rate of the sub in m-axes at the samples; flexure's share, which is small, is interpolated."""
-        steps = self.t[self.index]
-        return np.stack([np.interp(self.t, steps, column) for column in self.rate_s_m.T], axis=1)
+        return self.spread(self.rate_s_m)
 
 
 def _cut_unit(unit: matching.Unit, begin: float, end: float) -> matching.Unit:
@@ -142,16 +152,18 @@ def _spikes(values: FloatArray) -> BoolArray:
     spread = np.concatenate([spread, np.repeat(spread[-1:], len(values) - len(spread), axis=0)])
     high = np.abs(bend) > SPIKE_SIGMA * spread + 1e-12
     # A spike leaks a quarter of its height into its neighbours' bends; only the peaks are spikes.
-    peak = np.abs(bend) >= np.maximum.reduce([np.roll(np.abs(bend), s, axis=0) for s in (-2, -1, 1, 2)])
-    return np.any(high & peak, axis=1)
+    found = np.zeros(len(values), bool)
+    for k, axis in np.argwhere(high):
+        found[k] |= abs(bend[k, axis]) >= np.abs(bend[max(k - 2, 0) : k + 3, axis]).max()
+    return found
 
 
 def clean_unit(series: ImuSeries, epoch: int) -> tuple[matching.Unit, int]:
     """A unit without gaps and spikes: both are bridged and marked as filled."""
-    t = (series.stamp - epoch) * 1e-9
+    t = np.asarray((series.stamp - epoch) * 1e-9, dtype=float)
     gyro, accel = series.gyro, series.accel
     if series.instantaneous:
-        gyro, accel = matching.interval_means(t, gyro), matching.interval_means(t, accel)
+        gyro, accel = matching.interval_means(gyro), matching.interval_means(accel)
     bad = _spikes(gyro) | _spikes(accel)
     bad[[0, -1]] = False
     keep = ~bad
@@ -159,11 +171,33 @@ def clean_unit(series: ImuSeries, epoch: int) -> tuple[matching.Unit, int]:
     return unit, int(bad.sum())
 
 
-def pair(trial: Trial) -> Paired:
-    """Clean and integrate both units."""
+def pair(trial: Trial, alignment: Alignment | None = None) -> Paired:
+    """Clean and integrate both units. With an alignment, the other unit, turned, carries one across its own gaps."""
     main, spikes_main = clean_unit(trial.main, trial.epoch)
     sub, spikes_sub = clean_unit(trial.sub, trial.epoch)
+    if alignment is not None:
+        delay = float(alignment.time_delay.value)
+        main, sub = (
+            _carried(main, sub, alignment.rotation, delay),
+            _carried(sub, main, alignment.rotation.T, -delay),
+        )
     return Paired(main, sub, matching.strapdown(main), matching.strapdown(sub), (spikes_main, spikes_sub))
+
+
+def _carried(unit: matching.Unit, other: matching.Unit, turn: FloatArray, delay: float) -> matching.Unit:
+    """The unit with its bridged samples taken from the other one, which saw the instant t at its stamp t + delay."""
+    at = unit.t[unit.filled] + delay
+    inside = (at >= other.t[0]) & (at <= other.t[-1])
+    k = np.clip(np.searchsorted(other.t, at), 0, len(other.t) - 1)
+    usable = inside & ~other.filled[k]
+    rows = np.flatnonzero(unit.filled)[usable]
+    if not len(rows):
+        return unit
+    gyro, accel = unit.gyro.copy(), unit.accel.copy()
+    for target, source in ((gyro, other.gyro), (accel, other.accel)):
+        seen = np.stack([np.interp(at[usable], other.t, column) for column in source.T], axis=1)
+        target[rows] = seen @ turn.T
+    return matching.Unit(unit.t, gyro, accel, unit.filled)
 
 
 def _corrected_sub(paired: Paired, at: Linearisation) -> matching.Strapdown:
@@ -193,14 +227,17 @@ def _sub_filled(sub: matching.Unit, on_sub: FloatArray) -> BoolArray:
     return np.asarray(sub.filled[k] | sub.filled[k - 1])
 
 
-def _jumps(t: FloatArray, bad: BoolArray, index: IntArray) -> FloatArray:
-    """(N,) s: length of the bridged stretches that end within each step."""
+def _jumps(t: FloatArray, bad: BoolArray, index: IntArray) -> tuple[FloatArray, FloatArray]:
+    """(N,) s: length of the bridged stretches that end within each step, and the instant at which the last one ends."""
     good = np.flatnonzero(~bad)
-    length = np.zeros(len(t))
-    ends = good[1:][np.diff(good) > 1]
-    length[ends] = t[ends] - t[good[:-1][np.diff(good) > 1]]
-    total = np.concatenate([[0.0], np.cumsum(length)])
-    return np.diff(total[index + 1], prepend=0.0)
+    resumed = np.diff(good) > 1
+    ends, length = good[1:][resumed], np.diff(t[good])[resumed]
+    step = np.searchsorted(index, ends)
+    inside = (step > 0) & (step < len(index))
+    total, last = np.zeros(len(index)), t[index].copy()
+    np.add.at(total, step[inside], length[inside])
+    last[step[inside]] = t[ends[inside]]
+    return total, last
 
 
 def observe(paired: Paired, at: Linearisation) -> Observations:
@@ -218,9 +255,9 @@ def observe(paired: Paired, at: Linearisation) -> Observations:
 
 def _restarted(path: matching.Strapdown, start: FloatArray) -> matching.Strapdown:
     """The same path with attitude ``start`` (3, 3) and zero velocity at its first instant."""
-    turn = Rotation.from_matrix(start) * Rotation.from_quat(path.attitude[0]).inv()
-    attitude = (turn * Rotation.from_quat(path.attitude)).as_quat()
-    return matching.Strapdown(path.t, attitude, turn.apply(path.velocity - path.velocity[0]))
+    turn = quaternions.multiply(Rotation.from_matrix(start).as_quat(), quaternions.conjugate(path.attitude[0]))
+    attitude = quaternions.multiply(turn[None, :], path.attitude)
+    return matching.Strapdown(path.t, attitude, quaternions.rotate(turn[None, :], path.velocity - path.velocity[0]))
 
 
 def _per_step(
@@ -229,7 +266,7 @@ def _per_step(
     t = main.t
     index = np.arange(0, len(t), _samples_per_step(t))
     dt = np.diff(t[index], prepend=t[0])
-    A_end, A_mid, u_end, u = matching.step_means(main, sub, index)
+    A_end, A_mid, u = matching.step_means(main, sub, index)
     A_mid -= _end_correction(lambda k: Rotation.from_quat(main.attitude[k]).as_matrix(), t, index)
     u -= _end_correction(lambda k: _relative_velocity(main, sub, k), t, index)
     omega = _mean_rates(gyro_m, t, index)
@@ -238,10 +275,11 @@ def _per_step(
     Y = Rotation.from_quat(main.attitude[index]).inv() * Rotation.from_quat(sub.attitude[index])
     z = (Y * Rotation.from_matrix(at.R_ref).inv()).as_rotvec()
     z[bad[index]] = np.nan
+    jump_s, gap_end = _jumps(t, bad, index)
     force_i = np.zeros((len(index), 3))
     force_i[1:] = np.diff(sub.velocity[index], axis=0) / dt[1:, None]
     return Observations(
-        t=t, good=~bad, main=main, sub=sub, index=index, dt=dt, jump_s=_jumps(t, bad, index), z=z, u=u,
+        t=t, good=~bad, main=main, sub=sub, index=index, dt=dt, jump_s=jump_s, gap_end=gap_end, z=z, u=u,
         A_start=np.concatenate([A_end[:1], A_end[:-1]]), A_end=A_end, A_mid=A_mid, omega=omega,
         rate_s_m=_rates_at(sub, main, index), force_i=force_i, force_s_m=np.einsum("kji,kj->ki", A_mid, force_i),
         centred=t[index] - 0.5 * (t[0] + t[-1]),
@@ -258,7 +296,7 @@ def _relative_velocity(main: matching.Strapdown, sub: matching.Strapdown, k: Int
 
 
 def _mean_rates(gyro: FloatArray, t: FloatArray, index: IntArray) -> FloatArray:
-    """Mean body rate over the steps; a rotation vector exceeds the integral of the rate by the coning within the sample."""
+    """Mean body rate over the steps: a rotation vector holds the coning within its sample, a mean rate does not."""
     turned = gyro[1:] * np.diff(t)[:, None]
     angle = turned - np.cross(np.concatenate([turned[:1], turned[:-1]]), turned) / 12.0
     omega = np.zeros((len(index), 3))
@@ -281,7 +319,7 @@ def _with_gaps(bad: BoolArray, index: IntArray) -> BoolArray:
 
 
 def _end_correction(at: Callable[[IntArray], FloatArray], t: FloatArray, index: IntArray) -> FloatArray:
-    """What trapezoid means of ``at`` (samples) exceed the true ones by, by Euler and Maclaurin: h^2/12 (x'(end) - x'(start))/dt."""
+    """Excess of trapezoid means of ``at`` (samples), by Euler and Maclaurin: h^2/12 (x'(end) - x'(start))/dt."""
     after, before = np.minimum(index + 1, len(t) - 1), np.maximum(index - 1, 0)
     high, low = at(after), at(before)
     column = (-1, *[1] * (high.ndim - 1))

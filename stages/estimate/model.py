@@ -11,16 +11,20 @@ States (rad, m, s; m-axes unless said)::
     V               velocity error, i-axes                V' = -f_i x d + A_m nabla + white noise
     nabla           accelerometer bias of the difference  random walk
     r               correction of the lever arm           constant
-    B               correction of its coupling to theta   constant, (3, 3) row-major
-    lag             of the lever arm behind theta         constant, s: flexure moves it only below some frequency
+    B               correction of its coupling to theta'  constant, (3, 3) row-major
+    kappa           likewise to theta itself, per axis    constant; apart from B, because flexure moves the lever arm
+                                                          only below some frequency: what holds for fast bending
+                                                          must not bias what slow bending does
+    n, n before     displacement, now and a step ago, by  white, m: flexure moves the lever arm only below some
+                    which the lever arm lags flexure      frequency, and what is missing is displacement, not velocity
     M               errors of the gyro difference's scale constant, (3, 3) row-major
 
-The attitudes show ``zeta = theta + Phi + A_m^T d - omega_s delay``, free of noise but for rounding. It takes theta's place as
-a state, so that this measurement is of one state and not a small difference of uncertain ones; theta's dynamics are
+The attitudes show ``zeta = theta + Phi + A_m^T d - omega_s delay``, free of noise but for rounding. It takes theta's
+place as a state, so that this measurement is of one state and not a small difference of uncertain ones; theta's dynamics are
 written in it. The second measurement is the mean relative velocity u. With zeta in hand u needs neither theta' nor any
 derivative: ``u - B dz/dt - omega x B z = A_m^T V + omega x r - f delay + ...``. Slow bending moves the lever arm as
-fast bending does, so Phi stays in z there; its constant part is absorbed by r. What flexure moves the lever arm by beyond
-that model is the noise of u.
+fast bending does, so Phi stays in z there; its constant part is absorbed by r. What flexure moves the lever arm by
+beyond that model is the noise of u.
 """
 
 from __future__ import annotations
@@ -33,12 +37,15 @@ from physics import flexure
 from physics.kalman import SparseModel
 from physics.rotations import skew
 from schemas.rig import FloatArray
+from schemas.trial import IntArray
 from stages.paired import Observations
 
 ZETA, THETA_DOT, PHI, PHI_DOT = 0, 3, 6, 9
 D, EPS, DELAY, DRIFT = 12, 15, 18, 19
-V, NABLA, R, B, LAG, M = 20, 23, 26, 29, 38, 39
-SIZE = 48
+V, NABLA, R, B, M, JITTER, JITTER_BEFORE, KAPPA = 20, 23, 26, 29, 38, 47, 50, 53
+SIZE = 56
+ROW = 38  # entries of a row of H, at most
+GAP_ANGLE = 5e-3  # rad, one sigma of a gap of 1 s and more
 Z_NOISE = 1e-7  # rad (0.0004 arcmin): rounding, interpolation and linearisation of z
 
 
@@ -46,8 +53,9 @@ Z_NOISE = 1e-7  # rad (0.0004 arcmin): rounding, interpolation and linearisation
 class Noise:
     """Parameters of the model; see the module for the states.
 
-    damping, stiffness, std: (3,) flexure. gyro: (3,) rad/sqrt(s) and gyro_walk rad/s/sqrt(s). quasi_static: rad/s^1.5, of
-    Phi'. velocity: (3,) m/s, of u per step. accel: (m/s)/sqrt(s), accel_walk m/s^2/sqrt(s). The rest are prior sigmas.
+    damping, stiffness, std: (3,) flexure. gyro: (3,) rad/sqrt(s) and gyro_walk rad/s/sqrt(s). quasi_static: rad/s^1.5,
+    of Phi'. velocity: (3,) m/s, of u per step; jitter: (3,) m, of n. accel: (m/s)/sqrt(s), accel_walk m/s^2/sqrt(s). The
+    rest are prior sigmas (scale_prior (3, 3)).
     use_velocity: False leaves the accelerometers out.
     """
 
@@ -58,6 +66,7 @@ class Noise:
     gyro_walk: float
     quasi_static: float
     velocity: FloatArray
+    jitter: FloatArray
     accel: float
     accel_walk: float
     phi_prior: float
@@ -68,17 +77,20 @@ class Noise:
     accel_bias_prior: float
     lever_prior: float
     coupling_prior: float
-    lag_prior: float
-    scale_prior: float
+    kappa_prior: float
+    scale_prior: FloatArray
     use_velocity: bool = True
 
 
 def build(obs: Observations, noise: Noise, coupling: FloatArray, x0: FloatArray) -> SparseModel:
-    """The sparse model for :mod:`physics.kalman`; coupling: (3, 3) B about which it is linearised, x0: (SIZE,) prior mean."""
+    """The sparse model for :mod:`physics.kalman`; coupling: (3, 3) B linearised about, x0: (SIZE,) prior mean."""
     transition = _transition(obs, noise)
     process = _process(obs, noise)
     columns, rows, z, variance = _measurements(obs, noise, coupling)
-    return SparseModel(*transition, *process, columns, rows, z, variance, x0, _prior(obs, noise))
+    rows_e, cols_e, E = transition
+    rows_q, cols_q, Q = process
+    prior = _prior(obs, noise)
+    return SparseModel(rows_e, cols_e, E, rows_q, cols_q, Q, columns, rows, z, variance, x0, prior)
 
 
 def _prior(obs: Observations, noise: Noise) -> FloatArray:
@@ -88,7 +100,8 @@ def _prior(obs: Observations, noise: Noise) -> FloatArray:
     sigma = np.concatenate([
         noise.std, rate, noise.phi_prior * ones, creep, noise.drift_prior * ones, noise.gyro_bias_prior * ones,
         [noise.delay_prior, noise.clock_prior], 10.0 * ones, noise.accel_bias_prior * ones, noise.lever_prior * ones,
-        noise.coupling_prior * np.ones(9), [noise.lag_prior], noise.scale_prior * np.ones(9),
+        noise.coupling_prior * np.ones(9), noise.scale_prior.ravel(), noise.jitter, noise.jitter,
+        noise.kappa_prior * ones,
     ])  # fmt: skip
     T = zeta_map(obs)  # from theta in the first place to zeta
     return np.asarray(T @ np.diag(sigma**2) @ T.T)
@@ -124,7 +137,7 @@ class _Pattern:
             for j in range(3):
                 self.add(row + i, col + j, value[:, i, j])
 
-    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def arrays(self) -> tuple[IntArray, IntArray, FloatArray]:
         return np.array(self.rows), np.array(self.cols), np.ascontiguousarray(np.stack(self.values, axis=1))
 
 
@@ -136,17 +149,21 @@ def _flexure_steps(obs: Observations, noise: Noise, axis: int) -> tuple[FloatArr
     return F[which], Q[which]
 
 
-def _transition(obs: Observations, noise: Noise):  # type: ignore[no-untyped-def]
+def _transition(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, FloatArray]:
     E = _Pattern(len(obs.dt))
     _flexure_rows(E, obs, noise)
     if noise.quasi_static > 0.0:
         for axis in range(3):
             E.add(PHI + axis, PHI_DOT + axis, obs.dt)
-    E.block(D, EPS, obs.A_integral)
-    _scale_rows(E, D, obs.A_integral, obs.omega)
+    E.block(D, EPS, obs.integral_of_A)
+    _scale_rows(E, D, obs.integral_of_A, obs.omega)
     if noise.use_velocity:
         E.block(V, D, -skew(obs.force_i) * obs.dt[:, None, None])
-        E.block(V, NABLA, obs.A_integral)
+        E.block(V, NABLA, obs.integral_of_A)
+        for axis in range(3):
+            E.add(JITTER + axis, JITTER + axis, -1.0)
+            E.add(JITTER_BEFORE + axis, JITTER_BEFORE + axis, -1.0)
+            E.add(JITTER_BEFORE + axis, JITTER + axis, 1.0)
     return E.arrays()
 
 
@@ -157,7 +174,7 @@ def _flexure_rows(E: _Pattern, obs: Observations, noise: Noise) -> None:
     rate = obs.rate_s_m
     rate_before = np.concatenate([rate[:1], rate[:-1]])
     centred_before = np.concatenate([obs.centred[:1], obs.centred[:-1]])
-    on_eps = A_T @ obs.A_integral
+    on_eps = A_T @ obs.integral_of_A
     for axis in range(3):
         F, _ = _flexure_steps(obs, noise, axis)
         for row, f, kept in ((ZETA, F[:, 0], 1.0), (THETA_DOT, F[:, 1], 0.0)):
@@ -183,7 +200,7 @@ def _scale_rows(E: _Pattern, first: int, on_eps: FloatArray, omega: FloatArray) 
                 E.add(first + row, M + 3 * i + j, on_eps[:, row, i] * omega[:, j])
 
 
-def _process(obs: Observations, noise: Noise):  # type: ignore[no-untyped-def]
+def _process(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, FloatArray]:
     Q = _Pattern(len(obs.dt))
     extra = _gap_variance(obs.jump_s, noise)
     A_T = np.swapaxes(obs.A_end, 1, 2)
@@ -201,6 +218,8 @@ def _process(obs: Observations, noise: Noise):  # type: ignore[no-untyped-def]
         Q.add(EPS + axis, EPS + axis, noise.gyro_walk**2 * obs.dt)
         Q.add(NABLA + axis, NABLA + axis, noise.accel_walk**2 * obs.dt)
         Q.add(V + axis, V + axis, noise.accel**2 * obs.dt + (2.0 * obs.jump_s) ** 2)
+        if noise.use_velocity:
+            Q.add(JITTER + axis, JITTER + axis, noise.jitter[axis] ** 2)
         for other in range(3):
             Q.add(ZETA + axis, D + other, seen[:, axis, other])
             if other >= axis:
@@ -212,20 +231,20 @@ def _process(obs: Observations, noise: Noise):  # type: ignore[no-untyped-def]
 def _gap_variance(jump: FloatArray, noise: Noise) -> FloatArray:
     """Variance of what the bridging of a gap can have missed of the relative rotation.
 
-    The flexure that happened unseen, at most its stationary spread, plus the curvature of ship motion that linear
-    bridging leaves out, which is common to both units only where both were bridged.
+    The flexure that happened unseen, at most its stationary spread, and what the other unit, turned by the coarse
+    alignment, carried across wrongly.
     """
     q = np.max(4 * noise.damping * noise.stiffness * noise.std**2)
     unseen = np.minimum(q * jump**3, 4.0 * np.max(noise.std) ** 2)
-    motion = np.minimum(0.05 * jump**3, 0.05 * jump)  # rad, rate jerk of a lively ship
-    return np.asarray(unseen + motion**2) * (jump > 0)
+    return np.asarray(unseen + (GAP_ANGLE * np.minimum(jump, 1.0)) ** 2) * (jump > 0)
 
 
-def _measurements(obs: Observations, noise: Noise, coupling: FloatArray):  # type: ignore[no-untyped-def]
+def _measurements(
+    obs: Observations, noise: Noise, coupling: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     N = len(obs.dt)
-    columns = np.zeros((6, 26), dtype=np.int64)
-    rows = np.zeros((N, 6, 26))
-    rate = obs.rate_s_m
+    columns = np.zeros((6, ROW), dtype=np.int64)
+    rows = np.zeros((N, 6, ROW))
     for i in range(3):
         columns[i, 0] = ZETA + i
         rows[:, i, 0] = 1.0
@@ -233,7 +252,7 @@ def _measurements(obs: Observations, noise: Noise, coupling: FloatArray):  # typ
     z[:, :3] = obs.z
     variance = np.full((N, 6), Z_NOISE**2)
     if noise.use_velocity:
-        _velocity_rows(obs, coupling, rate, columns, rows)
+        _velocity_rows(obs, coupling, columns, rows)
         z[:, 3:] = obs.u - _flexure_velocity(obs, coupling)
         variance[:, 3:] = noise.velocity**2
         z[:2, 3:] = np.nan
@@ -254,10 +273,9 @@ def _flexure_velocity(obs: Observations, coupling: FloatArray) -> FloatArray:
     return rate @ coupling.T + np.cross(obs.omega, mean @ coupling.T)
 
 
-def _velocity_rows(
-    obs: Observations, coupling: FloatArray, rate: FloatArray, columns: FloatArray, rows: FloatArray
-) -> None:
+def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, rows: FloatArray) -> None:
     A_mid_T = np.swapaxes(obs.A_mid, 1, 2)
+    rate = obs.rate_s_m
     dt = np.maximum(obs.dt, 1e-9)[:, None, None]
     turning = skew(obs.omega)
     A_change = np.swapaxes(obs.A_end - obs.A_start, 1, 2) / dt
@@ -265,11 +283,11 @@ def _velocity_rows(
     rate_change = np.diff(rate, axis=0, prepend=rate[:1]) / dt[:, :, 0]
     on_delay = -obs.force_s_m + rate_change @ coupling.T + np.cross(obs.omega, rate @ coupling.T)
     theta_dot, theta = (np.nan_to_num(x) for x in _flexure_rate(obs))
-    theta_ddot = np.nan_to_num(np.diff(_flexure_rate(obs)[0], axis=0, prepend=np.nan) / dt[:, 0])
     for i in range(3):
         columns[3 + i] = [
             *range(V, V + 3), *range(D, D + 3), NABLA + i, *range(R, R + 3), DELAY, DRIFT,
-            *range(B, B + 9), LAG, *[0] * 4,
+            *range(B, B + 9), JITTER + i, JITTER_BEFORE + i, *range(KAPPA, KAPPA + 3), *range(EPS, EPS + 3),
+            *range(M, M + 9),
         ]  # fmt: skip
         row = rows[:, 3 + i]
         row[:, 0:3] = A_mid_T[:, i]
@@ -278,7 +296,11 @@ def _velocity_rows(
         row[:, 7:10] = turning[:, i]
         row[:, 10] = on_delay[:, i]
         row[:, 11] = on_delay[:, i] * obs.centred
+        row[:, 12 + 3 * i : 15 + 3 * i] = theta_dot
+        row[:, 21] = 1.0 / dt[:, 0, 0]
+        row[:, 22] = -1.0 / dt[:, 0, 0]
+        row[:, 23:26] = (turning @ coupling)[:, i] * theta
+        # theta' is what zeta shows less what the gyros' errors add to it.
+        row[:, 26:29] = -coupling[i]
         for a in range(3):
-            row[:, 12 + 3 * a : 15 + 3 * a] = turning[:, i, a][:, None] * theta
-        row[:, 12 + 3 * i : 15 + 3 * i] += theta_dot
-        row[:, 21] = -(theta_ddot @ coupling.T)[:, i]
+            row[:, 29 + 3 * a : 32 + 3 * a] = -coupling[i, a] * obs.omega

@@ -1,8 +1,8 @@
 """Deckflex's own estimators: the fixed-interval smoother and its causal half.
 
-Both gyros are integrated, so that the total angle is known at each instant but for one drifting 3-vector d; the filter and
-smoother estimate d together with static angle, delay, lever arm and sensor errors, with specific force matched at velocity
-level (:mod:`stages.estimate.model`). The covariance of the answer is that of d and the delay.
+Both gyros are integrated, so that the total angle is known at each instant but for one drifting 3-vector d; the filter
+and smoother estimate d together with static angle, delay, lever arm and sensor errors, with specific force matched at
+velocity level (:mod:`stages.estimate.model`). The covariance of the answer is that of d and the delay.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from physics import quaternions
 from schemas.products import Alignment, Deformation, Estimate, FlexureModel, Innovations, Status
 from schemas.rig import FloatArray
 from schemas.trial import Trial
@@ -60,14 +61,14 @@ def _deformation(
     total = total_rotation(obs, x)[obs.good]
     static = _static(solution, x)[obs.good]
     # theta = Log(R Exp(-Phi)): the dynamic part acts after the static one.
-    dynamic = total * static.inv()
+    dynamic = quaternions.multiply(total, quaternions.conjugate(static))
     parameters = _parameters(trial, solution)
     return Deformation(
         estimator=name,
         stamp=trial.epoch + np.rint(obs.t[obs.good] * 1e9).astype(np.int64),
-        total=total.as_rotvec(),
-        static_part=static.as_rotvec(),
-        dynamic_part=dynamic.as_rotvec(),
+        total=quaternions.log(total),
+        static_part=quaternions.log(static),
+        dynamic_part=quaternions.log(dynamic),
         covariance=_covariance(solution, P),
         alignment=_alignment(alignment, solution, parameters["time_delay"]),
         flexure=solution.flexure,
@@ -77,22 +78,19 @@ def _deformation(
     )
 
 
-def _static(solution: Solution, x: FloatArray) -> Rotation:
-    """(n,) Exp(Phi) at full rate."""
+def _static(solution: Solution, x: FloatArray) -> FloatArray:
+    """(n, 4) Exp(Phi) at full rate."""
     obs = solution.obs
-    phi = np.stack([np.interp(obs.t, obs.t[obs.index], x[:, 5 + i]) for i in range(3)], axis=1)
-    return Rotation.from_rotvec(phi) * Rotation.from_matrix(solution.at.R_ref)
+    phi = obs.spread(x[:, 5:8])
+    reference = Rotation.from_matrix(solution.at.R_ref).as_quat()
+    return quaternions.multiply(quaternions.exp(phi), reference[None, :])
 
 
 def _covariance(solution: Solution, P: FloatArray) -> FloatArray:
     """(n, 3, 3) rad^2 of the total: J P J^T with J = [-A_m^T, omega_s, omega_s centred], good samples."""
     obs = solution.obs
-    steps = obs.t[obs.index]
     t = obs.t[obs.good]
-    at_full_rate = np.empty((len(t), 5, 5))
-    for i in range(5):
-        for j in range(i, 5):
-            at_full_rate[:, i, j] = at_full_rate[:, j, i] = np.interp(t, steps, P[:, i, j])
+    at_full_rate = obs.spread(P[:, :5, :5].reshape(-1, 25))[obs.good].reshape(-1, 5, 5)
     J = np.empty((len(t), 3, 5))
     A_m = Rotation.from_quat(obs.main.attitude[obs.good]).as_matrix()
     J[:, :, :3] = -np.swapaxes(A_m, 1, 2)
@@ -124,7 +122,7 @@ def _parameters(trial: Trial, solution: Solution) -> dict[str, Estimate]:
     if noise.use_velocity:
         found["lever_arm"] = estimate(at.lever_arm, m.R, 3, noise.lever_prior)
         found["accel_bias"] = estimate(np.zeros(3), m.NABLA, 3, noise.accel_bias_prior)
-        found["lever_lag"] = estimate(np.zeros(1), m.LAG, 1, noise.lag_prior)
+        found["lever_jitter"] = Estimate(noise.jitter, np.zeros(3))
     return found
 
 
@@ -157,13 +155,13 @@ def _used(solution: Solution) -> tuple[str, ...]:
     noise = solution.noise
     if not noise.use_velocity:
         return ("gyros of both units", "specific force: not used, it disagreed with the gyros")
-    velocity = " ".join(f"{1e3 * v:.2g}" for v in noise.velocity)
+    jitter = " ".join(f"{1e3 * v:.2g}" for v in noise.jitter)
     bending = (
         f"quasi-static bending {np.degrees(noise.quasi_static) * 60:.0e} arcmin/s^1.5" if noise.quasi_static else ""
     )
     said = (
         "gyros of both units",
-        f"specific force, relative velocity weighted with {velocity} mm/s (x y z) per step",
+        f"specific force of both units; the lever arm moves by {jitter} mm (x y z) beyond its model",
         bending,
     )
     return tuple(sentence for sentence in said if sentence)

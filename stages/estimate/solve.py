@@ -1,12 +1,14 @@
 """The iterated estimate: linearise, filter, smooth, identify the flexure again, until nothing moves.
 
-The first rounds run on a piece of a long record, to find noise levels and lever arm at little cost; the last ones on all of it.
+The first rounds run on a piece of a long record, to find noise levels and lever arm at little cost; the last ones on
+all of it.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,7 +27,8 @@ PILOT_S = 1200.0  # s of record on which noise levels are found first
 PILOT_ROUNDS = 5
 LONG_S = 900.0  # s: shorter records cannot show quasi-static bending
 QUASI_STATIC = np.array([1e-5, 1e-4, 1e-3]) * np.pi / 10800.0  # rad/s^1.5, candidates
-QUASI_STATIC_NATS = 4.0  # by how much the likelihood must gain
+ACCEL_FACTORS, VELOCITY_FACTORS = (1.0, 3.0, 10.0), (1.0, 5.0)  # on the accelerometers' noise, candidates
+CHOICE_NATS = 4.0  # by how much the likelihood must gain before a default is left
 DISAGREEMENT = 16.3  # chi-square with 3 degrees of freedom, 0.1 %
 HOPELESS = 1.0  # m/s: beyond it the accelerometers are left out
 WEAKER = 3.0  # factor on the velocity noise when the accelerometers disagree
@@ -47,25 +50,26 @@ class Solution:
     flexure: FlexureModel
 
     @property
-    def total(self) -> Rotation:
-        """(n,) smoothed R_m_s at full rate."""
+    def total(self) -> FloatArray:
+        """(n, 4) smoothed R_m_s at full rate."""
         return total_rotation(self.obs, self.smoothed.x)
 
 
-def total_rotation(obs: Observations, x: FloatArray) -> Rotation:
-    """(n,) R_m_s at full rate from means (N, len(OUT)) of d, delay and drift at the steps."""
+def total_rotation(obs: Observations, x: FloatArray) -> FloatArray:
+    """(n, 4) R_m_s at full rate from means (N, len(OUT)) of d, delay and drift at the steps."""
     return obs.total(x[:, :3], x[:, 3] + x[:, 4] * obs.centred)
 
 
 def solve(trial: Trial, alignment: Alignment, flexure: FlexureModel) -> Solution:
     """The smoothed solution of a trial. Raises DataError when the units hardly overlap."""
-    paired = pair(trial)
+    paired = pair(trial, alignment)
     pilot = _piece(paired)
     job = Job(trial, alignment)
     at = Linearisation.at(alignment, trial.rig.lever_arm)
     noise = tuning.initial(alignment, flexure, trial.rig)
     for _ in range(PILOT_ROUNDS):
         at, noise, flexure = job.after(job.round(observe(pilot, at), at, noise, flexure))
+    noise = job.accelerometers(observe(pilot, at), at, noise)
     solution = job.round(observe(paired, at), at, noise, flexure)
     at, noise, flexure = job.after(solution)
     noise = job.quasi_static(solution, noise)
@@ -89,7 +93,7 @@ class Job:
     alignment: Alignment
 
     def prior_mean(self, at: Linearisation) -> FloatArray:
-        """(SIZE,) prior mean of the corrections: the alignment, the rig and zero errors, seen from the linearisation."""
+        """(SIZE,) prior mean of the corrections: alignment, rig and zero errors, seen from the linearisation."""
         x0 = np.zeros(m.SIZE)
         x0[m.PHI : m.PHI + 3] = _log(self.alignment.rotation @ at.R_ref.T)
         x0[m.D : m.D + 3] = _log(at.R_0 @ self.alignment.rotation.T)
@@ -123,7 +127,7 @@ class Job:
         """The next linearisation, tuned noise and flexure after one round."""
         x, P = solution.filtered.x[-1], np.diag(solution.filtered.P_last)
         innovation, variance = solution.filtered.innovation[:, 3:], solution.filtered.innovation_variance[:, 3:]
-        noise = tuning.with_velocity(solution.noise, innovation, variance)
+        noise = tuning.with_jitter(solution.noise, innovation, variance)
         eps, nabla = slice(m.EPS, m.EPS + 3), slice(m.NABLA, m.NABLA + 3)
         gyro_bias = solution.at.R_ref @ solution.at.gyro_bias + x[eps]
         noise = tuning.with_biases(noise, self.trial.rig, (gyro_bias, np.sqrt(P[eps])), (x[nabla], np.sqrt(P[nabla])))
@@ -135,15 +139,25 @@ class Job:
         if obs.t[-1] - obs.t[0] < LONG_S:
             return noise
 
-        def likelihood(density: float) -> float:
-            model = self.model(obs, solution.at, replace(solution.noise, quasi_static=density))
-            return run_filter(model, OUT, keep=False).log_likelihood
-
         candidates = [0.0, *(float(q) for q in QUASI_STATIC)]
+        tried = [replace(solution.noise, quasi_static=q) for q in candidates]
+        gain = self.likelihoods(obs, solution.at, tried)
+        return replace(noise, quasi_static=candidates[int(np.argmax(gain - CHOICE_NATS * (np.array(candidates) > 0)))])
+
+    def accelerometers(self, obs: Observations, at: Linearisation, noise: m.Noise) -> m.Noise:
+        """The level of the accelerometers' noise, white in velocity and in acceleration, that is most likely."""
+        tried = [
+            replace(noise, accel=a * noise.accel, velocity=v * noise.velocity)
+            for a, v in product(ACCEL_FACTORS, VELOCITY_FACTORS)
+        ]
+        gain = self.likelihoods(obs, at, tried)
+        return tried[int(np.argmax(gain - CHOICE_NATS * (np.arange(len(tried)) > 0)))]
+
+    def likelihoods(self, obs: Observations, at: Linearisation, tried: list[m.Noise]) -> FloatArray:
+        """Log-likelihood of each set of noise parameters, two at a time."""
+        run = lambda noise: run_filter(self.model(obs, at, noise), OUT, keep=False).log_likelihood  # noqa: E731
         with ThreadPoolExecutor(2) as pool:
-            gain = list(pool.map(likelihood, candidates))
-        best = max(range(len(candidates)), key=lambda i: gain[i] - (QUASI_STATIC_NATS if i else 0.0))
-        return replace(noise, quasi_static=candidates[best])
+            return np.array(list(pool.map(run, tried)))
 
     def settle(self, obs: Observations, at: Linearisation, noise: m.Noise, flexure: FlexureModel) -> Solution:
         """The last round; the accelerometers keep their weight only while they agree with the gyros."""
@@ -188,7 +202,7 @@ def _relinearised(solution: Solution, x: FloatArray) -> Linearisation:
 
 
 def disagreement(solution: Solution, gyros: Solution) -> float:
-    """Hausman's statistic of d with against without accelerometers at mid-record, chi-square with 3 degrees of freedom."""
+    """Hausman's statistic of d with and without accelerometers, mid-record; chi-square, 3 degrees of freedom."""
     middle = len(solution.smoothed.x) // 2
     difference = solution.smoothed.x[middle, :3] - gyros.smoothed.x[middle, :3]
     P = gyros.smoothed.P[middle, :3, :3] - solution.smoothed.P[middle, :3, :3]

@@ -1,8 +1,8 @@
 """Noise and priors of the model: where they start, and how they follow from the data.
 
 A rig may state them; what it leaves open comes from the log. The angle random walk is read off the spectrum of the
-flexure increments; bias priors follow the biases found (empirical Bayes); the noise of the velocity match follows from its own
-innovations, so that a lever arm the model describes badly loses its weight by itself.
+flexure increments; bias priors follow the biases found (empirical Bayes); the noise of the velocity match follows from
+its own innovations, so that a lever arm the model describes badly loses its weight by itself.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ DELAY_PRIOR_S = (2e-3, 0.05)  # least and most
 CLOCK_PRIOR = 30e-6  # s/s, two crystal clocks
 LEVER_PRIOR_M = 100.0  # where the rig states nothing
 COUPLING_SHARE = 0.1  # of the lever arm: how far flexure between the two places differs from a rigid lever's
-LAG_PRIOR_S = 0.05
 FINE_GYRO = 1.4e-3 * DEG_PER_SQRT_HOUR  # the grade at which the next figures hold; coarser units have larger ones
 FINE_BIAS = 0.02 * DEG_PER_HOUR
-FINE_SCALE = 30 * PPM  # scale factors and non-orthogonality (6 arcsec) alike
+FINE_SCALE = 10 * PPM
+FINE_SKEW = 30 * PPM  # non-orthogonality: 6 arcsec between the two units
 FINE_ACCEL_BIAS = 100 * MICRO_G
 FINE_ACCEL_NOISE = 2e-4  # (m/s)/sqrt(s)
 GRADE_EXPONENT = 0.8  # from a fibre gyro (0.001 deg/sqrt(h), 5 ppm) to a MEMS (0.3 deg/sqrt(h), 0.3 %)
-VELOCITY_START = 5e-3  # m/s per step; the fit anneals from here
-VELOCITY_FLOOR = 1e-4  # m/s: what interpolation and the means over a step leave
+VELOCITY = 1e-4  # m/s per step: what interpolation and the means over a step leave
+JITTER_START = 2e-3  # m, displacement of the lever arm beyond the model; the fit anneals from here
+JITTER_FLOOR = 1e-6
 CLIP, CLIPPED_MEAN = 3.0, 0.987  # sigma; mean of min(chi-square, 9) with one degree of freedom
 PRIOR_WEIGHT = 1.0  # degrees of freedom of the grade's figure against the three biases found
 
@@ -47,14 +48,20 @@ def initial(alignment: Alignment, flexure: FlexureModel, rig: Rig) -> Noise:
     known = rig.lever_arm is not None
     noise = Noise(
         damping=flexure.damping, stiffness=flexure.stiffness, std=flexure.std, gyro=flexure.gyro_noise,
-        gyro_walk=0.0, quasi_static=0.0, velocity=np.full(3, VELOCITY_START * np.sqrt(coarse)),
+        gyro_walk=0.0, quasi_static=0.0, velocity=np.full(3, VELOCITY * np.sqrt(coarse)),
+        jitter=np.full(3, JITTER_START),
         accel=accel_noise(rig, coarse), accel_walk=0.0, phi_prior=angle, drift_prior=angle,
         gyro_bias_prior=stated(rig, "gyro_bias_std") or FINE_BIAS * coarse, delay_prior=delay, clock_prior=CLOCK_PRIOR,
         accel_bias_prior=stated(rig, "accel_bias_std") or FINE_ACCEL_BIAS * coarse**GRADE_EXPONENT,
-        lever_prior=rig.lever_arm_std if known else LEVER_PRIOR_M, coupling_prior=1.0, lag_prior=LAG_PRIOR_S,
-        scale_prior=FINE_SCALE * coarse**GRADE_EXPONENT,
+        lever_prior=rig.lever_arm_std if known else LEVER_PRIOR_M, coupling_prior=1.0, kappa_prior=COUPLING_SHARE,
+        scale_prior=_scale_prior(coarse),
     )  # fmt: skip
     return with_flexure(noise, flexure)
+
+
+def _scale_prior(coarse: float) -> FloatArray:
+    """(3, 3): scale factors on the diagonal, non-orthogonality beside it."""
+    return np.asarray(coarse**GRADE_EXPONENT * (FINE_SKEW + (FINE_SCALE - FINE_SKEW) * np.eye(3)))
 
 
 def stated(rig: Rig, name: str) -> float | None:
@@ -76,7 +83,7 @@ def with_flexure(noise: Noise, flexure: FlexureModel) -> Noise:
         noise, damping=flexure.damping, stiffness=flexure.stiffness, std=flexure.std, gyro=gyro,
         # In-run instability: over an hour about a tenth of the bias prior.
         gyro_walk=0.1 * noise.gyro_bias_prior / 60.0, accel_walk=0.02 * noise.accel_bias_prior / 60.0,
-        scale_prior=FINE_SCALE * coarse**GRADE_EXPONENT,
+        scale_prior=_scale_prior(coarse),
     )  # fmt: skip
 
 
@@ -85,27 +92,21 @@ def with_biases(
 ) -> Noise:
     """Bias priors by empirical Bayes from (value, std) of the three biases found; a stated rig keeps its own."""
     coarse = grade(noise.gyro)
-    updates = {}
-    if stated(rig, "gyro_bias_std") is None:
-        updates["gyro_bias_prior"] = _spread(FINE_BIAS * coarse, *gyro)
-    if stated(rig, "accel_bias_std") is None:
-        updates["accel_bias_prior"] = _spread(FINE_ACCEL_BIAS * coarse**GRADE_EXPONENT, *accel)
-    return replace(noise, **updates)
+    gyro_prior = stated(rig, "gyro_bias_std") or _spread(FINE_BIAS * coarse, *gyro)
+    accel_prior = stated(rig, "accel_bias_std") or _spread(FINE_ACCEL_BIAS * coarse**GRADE_EXPONENT, *accel)
+    return replace(noise, gyro_bias_prior=gyro_prior, accel_bias_prior=accel_prior)
 
 
 def _spread(centre: float, value: FloatArray, std: FloatArray) -> float:
     return float(np.sqrt((np.sum(value**2 + std**2) + PRIOR_WEIGHT * centre**2) / (3.0 + PRIOR_WEIGHT)))
 
 
-def with_velocity(noise: Noise, innovation: FloatArray, variance: FloatArray) -> Noise:
-    """Scale the noise of the velocity match so that its normalised innovations (N, 3) get unit variance."""
+def with_jitter(noise: Noise, innovation: FloatArray, variance: FloatArray) -> Noise:
+    """Scale the unmodelled displacement so that the normalised innovations (N, 3) of u get unit variance."""
     seen = np.isfinite(innovation).all(axis=1)
     if seen.sum() < 20:
         return noise
     # Clipped at three sigma, so that slamming and other rare events do not decide.
     ratio = np.mean(np.minimum(innovation[seen] ** 2 / variance[seen], CLIP**2), axis=0) / CLIPPED_MEAN
-    target = np.sqrt(
-        np.maximum(noise.velocity**2 + (ratio - 1.0) * np.median(variance[seen], axis=0), (0.25 * noise.velocity) ** 2)
-    )
-    scaled = np.minimum(target, 10.0 * noise.velocity)
-    return replace(noise, velocity=np.maximum(scaled, VELOCITY_FLOOR))
+    factor = np.clip(np.sqrt(ratio), 0.1, 10.0)
+    return replace(noise, jitter=np.maximum(factor * noise.jitter, JITTER_FLOOR))
