@@ -46,7 +46,8 @@ class SparseModel:
 class Filtered:
     """x: (N, n) posterior means. P_out: (N, o, n) rows ``out`` of the posterior covariances.
 
-    innovation, innovation_variance: (N, m), NaN where nothing was measured. gain: (N, m, n). P_last: (n, n). log_likelihood: of all measurements.
+    innovation, innovation_variance: (N, m), NaN where nothing was measured. gain: (N, m, n). P_last:
+    (n, n). log_likelihood: of all measurements.
     """
 
     out: IndexArray

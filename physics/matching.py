@@ -258,6 +258,7 @@ def _match(
 def step_means(main: Strapdown, sub: Strapdown, index: NDArray[np.int64]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Means over steps that end at samples ``index`` (N,).
 
-    A_m at their ends and its mean, both (N, 3, 3), and the mean of the relative velocity ``A_m^T (V_s - V_m)``, (N, 3). Means are trapezoidal; step 0 is the first sample.
+    A_m at their ends and its mean, both (N, 3, 3), and the mean of the relative velocity
+    ``A_m^T (V_s - V_m)``, (N, 3). Means are trapezoidal; step 0 is the first sample.
     """
     return _match(main.attitude, main.velocity, sub.velocity, index)

@@ -1,8 +1,8 @@
 """Whittle maximum likelihood of second-order Gauss-Markov flexure from sampled angles.
 
 Model per axis: ``theta'' + 2 mu theta' + b^2 theta = w`` with PSD of w ``q = 4 mu b^2 sigma^2``, seen through
-increments ``theta[k] - theta[k-1]`` over the sampling interval T, plus white increments of variance ``N^2 T`` (angle random walk
-of the gyros). The spectrum of the sampled process is exact, aliasing included: with ``R(n) = sum c_i p_i^|n|``,
+increments ``theta[k] - theta[k-1]`` over the sampling interval T, plus white increments of variance ``N^2 T`` (angle
+random walk of the gyros). The spectrum of the sampled process is exact, aliasing included: with ``R(n) = sum c_i p_i^|n|``,
 ``p_i = exp(s_i T)``, it is ``sum c_i (1 - p_i^2) / (1 - 2 p_i cos w + p_i^2)``, for any damping.
 """
 

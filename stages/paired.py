@@ -104,7 +104,7 @@ class Observations:
     centred: FloatArray
 
     @property
-    def integral_of_A(self) -> FloatArray:
+    def A_integral(self) -> FloatArray:
         """(N, 3, 3) s, integral of A_m over each step."""
         return np.asarray(self.A_mid * self.dt[:, None, None])
 

@@ -20,8 +20,8 @@ States (rad, m, s; m-axes unless said)::
     M               errors of the gyro difference's scale constant, (3, 3) row-major
 
 The attitudes show ``zeta = theta + Phi + A_m^T d - omega_s delay``, free of noise but for rounding. It takes theta's
-place as a state, so that this measurement is of one state and not a small difference of uncertain ones; theta's dynamics are
-written in it. The second measurement is the mean relative velocity u. With zeta in hand u needs neither theta' nor any
+place as a state, so that this measurement is of one state and not a small difference of uncertain ones; theta's dynamics
+are written in it. The second measurement is the mean relative velocity u. With zeta in hand u needs neither theta' nor any
 derivative: ``u - B dz/dt - omega x B z = A_m^T V + omega x r - f delay + ...``. Slow bending moves the lever arm as
 fast bending does, so Phi stays in z there; its constant part is absorbed by r. What flexure moves the lever arm by
 beyond that model is the noise of u.
@@ -54,8 +54,8 @@ class Noise:
     """Parameters of the model; see the module for the states.
 
     damping, stiffness, std: (3,) flexure. gyro: (3,) rad/sqrt(s) and gyro_walk rad/s/sqrt(s). quasi_static: rad/s^1.5,
-    of Phi'. velocity: (3,) m/s, of u per step; jitter: (3,) m, of n. accel: (m/s)/sqrt(s), accel_walk m/s^2/sqrt(s). The
-    rest are prior sigmas (scale_prior (3, 3)).
+    of Phi'. velocity: (3,) m/s, of u per step; jitter: (3,) m, of n. accel: (m/s)/sqrt(s), accel_walk m/s^2/sqrt(s).
+    The rest are prior sigmas (scale_prior (3, 3)).
     use_velocity: False leaves the accelerometers out.
     """
 
@@ -155,11 +155,11 @@ def _transition(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, Fl
     if noise.quasi_static > 0.0:
         for axis in range(3):
             E.add(PHI + axis, PHI_DOT + axis, obs.dt)
-    E.block(D, EPS, obs.integral_of_A)
-    _scale_rows(E, D, obs.integral_of_A, obs.omega)
+    E.block(D, EPS, obs.A_integral)
+    _scale_rows(E, D, obs.A_integral, obs.omega)
     if noise.use_velocity:
         E.block(V, D, -skew(obs.force_i) * obs.dt[:, None, None])
-        E.block(V, NABLA, obs.integral_of_A)
+        E.block(V, NABLA, obs.A_integral)
         for axis in range(3):
             E.add(JITTER + axis, JITTER + axis, -1.0)
             E.add(JITTER_BEFORE + axis, JITTER_BEFORE + axis, -1.0)
@@ -174,7 +174,7 @@ def _flexure_rows(E: _Pattern, obs: Observations, noise: Noise) -> None:
     rate = obs.rate_s_m
     rate_before = np.concatenate([rate[:1], rate[:-1]])
     centred_before = np.concatenate([obs.centred[:1], obs.centred[:-1]])
-    on_eps = A_T @ obs.integral_of_A
+    on_eps = A_T @ obs.A_integral
     for axis in range(3):
         F, _ = _flexure_steps(obs, noise, axis)
         for row, f, kept in ((ZETA, F[:, 0], 1.0), (THETA_DOT, F[:, 1], 0.0)):

@@ -1,8 +1,8 @@
 """Whittle maximum likelihood on the full attitude difference.
 
 The attitude difference ``Log(A_m^T R_0 A_s R_ref^T) = theta + Phi + A_m^T d`` holds theta without the omega x theta
-that angle increments carry (IDAM 14-16 drop it, although it is as large as theta' in their own scenario). The slow drift d
-of the integrated gyros is fitted and taken out first.
+that angle increments carry (IDAM 14-16 drop it, although it is as large as theta' in their own scenario). The slow
+drift d of the integrated gyros is fitted and taken out first.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Whittle:
 def _fitted_drift(obs: Observations) -> FloatArray:
     """(N, 3) rad, i-axes: least-squares d = d_0 + int A_m eps that, with a constant, explains z."""
     A_T = np.swapaxes(obs.A_end, 1, 2)
-    travelled = np.cumsum(obs.integral_of_A, axis=0)
+    travelled = np.cumsum(obs.A_integral, axis=0)
     constant = np.broadcast_to(np.eye(3), A_T.shape)
     columns = np.concatenate([constant, A_T, A_T @ travelled], axis=2)
     seen = np.isfinite(obs.z[:, 0])
