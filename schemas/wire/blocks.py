@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from schemas.wire.cdr import gather
 from schemas.wire.container import Block, File
 from schemas.wire.records import (
     FRAME,
@@ -25,20 +24,22 @@ from schemas.wire.records import (
     decompress_available,
     decompress_into,
     frames,
+    message_heads,
     parse_record,
 )
 
 Bytes = NDArray[np.uint8]
 Starts = NDArray[np.int64]
-_FRAME_DTYPE = np.dtype([("opcode", "u1"), ("size", "<u8")])
+Heads = NDArray[Any]
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What a block held: size bytes in the buffer, starts (n,) of its message records, its other records."""
+    """What a block held: size bytes in the buffer, starts (n,) and heads (n,) of its messages, its other records."""
 
     size: int
     starts: Starts
+    heads: Heads
     others: list[mcap.Schema | mcap.Channel]
     problem: str = ""
 
@@ -91,7 +92,7 @@ def _load_partial(view: memoryview, head: ChunkHead, space: Space, start: int, r
     data = decompress_available(view[head.data_start :], head.compression, head.size)
     space.at(start, len(data) + room)[: len(data)] = np.frombuffer(data, np.uint8)
     found = _walk(space[0], start, len(data))
-    return Contents(found.size, found.starts, found.others, "the end of it is missing")
+    return replace(found, problem="the end of it is missing")
 
 
 def _index_offsets(index: bytes) -> Starts:
@@ -108,20 +109,21 @@ def _from_index(buffer: Bytes, start: int, size: int, offsets: Starts) -> Conten
     starts = offsets + start
     if len(starts) == 0 or starts[0] < start or starts[-1] > end - FRAME_SIZE - MESSAGE_BODY:
         return None
-    heads = gather(buffer, starts, FRAME_SIZE).view(_FRAME_DTYPE)[:, 0]
+    heads = message_heads(buffer, starts)
     length = heads["size"]
-    if (heads["opcode"] != Opcode.MESSAGE).any() or (length > size).any() or (length < MESSAGE_BODY).any():
+    # unsigned: what is shorter than a message's fixed part becomes huge
+    if (heads["opcode"] != Opcode.MESSAGE).any() or (length - np.uint64(MESSAGE_BODY)).max() > size:
         return None
-    stops = starts + length.astype(np.int64) + FRAME_SIZE
-    before = np.concatenate([[start], stops])
+    before = np.concatenate([[start], length.astype(np.int64) + (starts + FRAME_SIZE)])
     after = np.concatenate([starts, [end]])
-    if (before > after).any():
+    gaps = after - before
+    if gaps.min() < 0:
         return None
     others: list[Any] = []
-    for gap in np.flatnonzero(before < after):
+    for gap in np.flatnonzero(gaps):
         if not _take_gap(buffer[before[gap] : after[gap]], others):
             return None
-    return Contents(size, starts, others)
+    return Contents(size, starts, heads, others)
 
 
 def _take_gap(data: Bytes, others: list[Any]) -> bool:
@@ -160,7 +162,8 @@ def _walk(buffer: Bytes, start: int, size: int) -> Contents:
         else:
             problem = _try_other(view, opcode, position + FRAME_SIZE, length, others) or problem
         position += FRAME_SIZE + length
-    return Contents(size, np.array(starts, np.int64), others, problem)
+    found = np.array(starts, np.int64)
+    return Contents(size, found, message_heads(buffer, found), others, problem)
 
 
 def _try_other(view: memoryview, opcode: int, start: int, length: int, others: list[Any]) -> str:

@@ -13,18 +13,17 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from schemas.errors import DataError
-from schemas.wire.blocks import Space, load
+from schemas.wire.blocks import Contents, Heads, Space, load
 from schemas.wire.builder import CdrDecoder, MessageDecoder, Messages, TableBuilder
 from schemas.wire.cdr import ROOM, Decoder
 from schemas.wire.container import Block, File, Outline, Summary, check_attachments, file_crc, outline, read_summary
 from schemas.wire.definitions import full_name, parse
-from schemas.wire.records import FRAME_SIZE, MESSAGE_BODY, RecordError, message_heads, parse_record
+from schemas.wire.records import FRAME_SIZE, MESSAGE_BODY, RecordError, join_heads, parse_record
 from schemas.wire.table import Attachment, ChannelInfo, Log, Table
 
 BATCH = 1 << 23  # bytes of messages taken at a time
 _PAYLOAD = FRAME_SIZE + MESSAGE_BODY
 LATEST = 2**63 - 1  # ns; MCAP's own times have one bit more
-Heads = NDArray[Any]
 Progress = Callable[[int, int], None]
 Sink = Callable[[mcap.Channel, mcap.Schema | None, Messages], None]
 
@@ -126,7 +125,7 @@ class Pass:
     _undeclared: dict[int, int] = field(default_factory=dict)
     _absurd: dict[int, int] = field(default_factory=dict)
     _space: Space = field(default_factory=Space)
-    _starts: list[NDArray[np.int64]] = field(default_factory=list)
+    _waiting: list[Contents] = field(default_factory=list)
     _filled: int = 0
 
     def run(self, progress: Progress | None) -> None:
@@ -156,7 +155,7 @@ class Pass:
             self._note(block, contents.problem, f"{len(contents.starts)} messages of it were read")
         for record in contents.others:
             self._declare(record)
-        self._starts.append(contents.starts)
+        self._waiting.append(contents)
         self._filled += contents.size
         if self._filled >= BATCH:
             self._flush()
@@ -191,12 +190,11 @@ class Pass:
 
     def _flush(self) -> None:
         """Hand the gathered messages on, channel by channel."""
-        starts = np.concatenate(self._starts) if self._starts else np.zeros(0, np.int64)
-        buffer, self._starts, self._filled = self._space[0] if self._space else np.zeros(0, np.uint8), [], 0
-        if len(starts) == 0:
+        waiting, self._waiting, self._filled = self._waiting, [], 0
+        if not any(len(contents.starts) for contents in waiting):
             return
-        heads = message_heads(buffer, starts)
-        heads, starts = self._without_absurd_times(heads, starts)
+        buffer, starts = self._space[0], np.concatenate([contents.starts for contents in waiting])
+        heads, starts = self._without_absurd_times(join_heads([one.heads for one in waiting]), starts)
         if len(starts) == 0:
             return
         channel = heads["channel"].astype(np.intp)

@@ -252,5 +252,11 @@ def message_heads(buffer: NDArray[np.uint8], start: NDArray[np.int64]) -> NDArra
     """Heads (opcode to publish time) of the message records that begin at start in buffer."""
     size = MESSAGE_HEAD.itemsize
     # As opaque bytes first: numpy copies structured items field by field, which takes five times as long.
-    windows = np.ndarray((len(buffer) - size + 1,), np.dtype((np.void, size)), buffer, 0, (1,))
+    windows = np.ndarray((max(len(buffer) - size + 1, 0),), np.dtype((np.void, size)), buffer, 0, (1,))
     return windows[start].view(MESSAGE_HEAD)
+
+
+def join_heads(parts: list[NDArray[Any]]) -> NDArray[Any]:
+    """Heads end to end; as opaque bytes too."""
+    opaque = np.dtype((np.void, MESSAGE_HEAD.itemsize))
+    return np.concatenate([part.view(opaque) for part in parts]).view(MESSAGE_HEAD)

@@ -31,6 +31,7 @@ _DEFAULT_PATH = {
     "status": "status.status",
 }
 _STAMP_PARTS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
+_LARGEST_NS = 2**62
 _STAMP_FACTOR = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
 
@@ -79,8 +80,8 @@ def stamps(table: Table, channel: Channel) -> IntArray:
     for seconds, nanoseconds in _STAMP_PARTS:
         parts = (f"{path}.{seconds}", f"{path}.{nanoseconds}")
         if all(part in table.columns for part in parts):
-            whole, rest = (np.asarray(_number(table, part), dtype=np.int64) for part in parts)
-            return whole * 1_000_000_000 + rest
+            whole, rest = (_number(table, part) for part in parts)
+            return _as_nanoseconds(whole, _STAMP_FACTOR["s"]) + _as_nanoseconds(rest, _STAMP_FACTOR["ns"])
     if path in table.columns and table.columns[path].dtype.kind in "OU":
         return _from_text(table.columns[path], path)
     return _as_nanoseconds(_number(table, path), _STAMP_FACTOR[channel.stamp_unit])
@@ -95,8 +96,10 @@ def _from_text(column: np.ndarray, path: str) -> IntArray:
 
 
 def _as_nanoseconds(column: np.ndarray, factor: int) -> IntArray:
-    if column.dtype.kind in "iu":
-        return column.astype(np.int64) * factor
+    """ns, int64; 0 (no stamp) where that cannot hold the number."""
+    if column.dtype.kind in "iub":
+        known = (column <= _LARGEST_NS // factor) & (column >= -(_LARGEST_NS // factor))
+        return np.where(known, column, 0).astype(np.int64) * factor
     known = np.where(np.isfinite(column) & (np.abs(column) < 2**62 / factor), column, 0.0)
     whole = np.floor(known)
     return whole.astype(np.int64) * factor + np.rint((known - whole) * factor).astype(np.int64)

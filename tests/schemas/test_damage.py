@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import struct
 import tracemalloc
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 import zstandard
 from mcap import records as mcap
+from mcap.data_stream import ReadDataStream
 from mcap.writer import Writer
 
 from schemas.errors import DataError
 from schemas.wire import append_tables, read_log, scan_log
-from schemas.wire.records import MAGIC, RecordError, decompress_into, frames, open_chunk
+from schemas.wire.records import MAGIC, RecordError, decompress_into, frames, open_chunk, parse_record
 from schemas.wire.section import record_bytes
 from tests.schemas.sample_logs import imu, small_log
 
@@ -232,3 +234,66 @@ def test_an_opened_chunk_is_checked_against_its_own_crc():
     body = record_bytes(mcap.Chunk("", b"abc", 0, 0, 1, 3))[9:]
     with pytest.raises(RecordError, match="CRC"):
         open_chunk(body)
+
+
+@pytest.mark.parametrize(("log_time", "publish_time"), [(1 << 63, 5), (5, (1 << 64) - 1)])
+def test_times_beyond_63_bits_are_left_out_and_counted(tmp_path: Path, log_time: int, publish_time: int):
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/x", "json", 0)
+        writer.add_message(channel, 7, b'{"a": 1}', 7)
+        writer.add_message(channel, log_time, b'{"a": 2}', publish_time)
+        writer.finish()
+    log = read_log(tmp_path / "a.mcap")
+    assert log.tables["/x"].columns["a"].tolist() == [1]
+    assert log.tables["/x"].log_time.tolist() == [7]
+    assert log.problems == ("/x: 1 messages with times after the year 2262 were left out",)
+    assert bool(scan_log(tmp_path / "a.mcap").problems) == (log_time > 5)
+
+
+def test_a_log_of_impossible_times_alone_gives_an_empty_table(tmp_path: Path):
+    body = record_bytes(mcap.Channel(1, "/x", "json", {}, 0)) + record_bytes(mcap.Message(1, 1 << 63, b"{}", 1, 0))
+    end = record_bytes(mcap.DataEnd(0)) + record_bytes(mcap.Footer(0, 0, 0)) + MAGIC
+    log = read_log_of(tmp_path, MAGIC + record_bytes(mcap.Header("", "")) + body + end)
+    assert len(log.tables["/x"]) == 0
+    assert "after the year 2262" in log.problems[0]
+
+
+def with_attachments(path: Path, *contents: bytes) -> bytes:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for k, content in enumerate(contents):
+            writer.add_attachment(k, k, f"file {k}", "text/plain", content)
+        writer.finish()
+    return path.read_bytes()
+
+
+def test_a_changed_attachment_is_noticed_when_asked(tmp_path: Path):
+    data = with_attachments(tmp_path / "a.mcap", b"sound", b"0123456789" * 1_000_000)
+    assert read_log(tmp_path / "a.mcap", attachments=True).problems == ()
+    (tmp_path / "b.mcap").write_bytes(data.replace(b"9012345678", b"9012345679", 1))
+    assert read_log(tmp_path / "b.mcap").problems == ()
+    (problem,) = read_log(tmp_path / "b.mcap", attachments=True).problems
+    assert "attachment 'file 1'" in problem
+    assert "CRC does not match" in problem
+
+
+def test_a_changed_attachment_is_told_when_the_log_is_written_anew(tmp_path: Path):
+    data = with_attachments(tmp_path / "a.mcap", b"sound as it was")
+    (tmp_path / "b.mcap").write_bytes(data.replace(b"sound", b"SOUND")[:-30])  # without its summary
+    problems = append_tables(tmp_path / "b.mcap", tmp_path / "c.mcap", [imu()])
+    assert any("attachment 'file 0'" in problem for problem in problems)
+
+
+def test_a_chunk_index_is_parsed_as_the_library_does(tmp_path: Path):
+    small_log(tmp_path / "a.mcap")
+    data = (tmp_path / "a.mcap").read_bytes()
+    bodies = [data[start + 9 : stop] for op, start, stop in boundaries(data) if op == 0x08]
+    assert len(bodies) > 3
+    for body in bodies:
+        assert parse_record(8, body) == mcap.ChunkIndex.read(ReadDataStream(BytesIO(body)))
+        for size in (0, 10, 40, len(body) - 1):
+            with pytest.raises(RecordError):
+                parse_record(8, body[:size])
