@@ -22,7 +22,9 @@ def drift_in_m(obs: Observations) -> FloatArray:
     for first, last in zip([0, *starts], [*starts, len(obs.dt)]):
         piece = slice(int(first), int(last))
         if np.sum(obs.dt[piece]) >= SHORTEST_PIECE_S and np.isfinite(obs.z[piece, 0]).sum() > SHORTEST_PIECE_S:
-            drift[piece] = _fitted(obs.z[piece], np.swapaxes(obs.A_end[piece], 1, 2), obs.A_integral[piece])
+            drift[piece] = _fitted(
+                obs.z[piece], np.swapaxes(obs.A_end[piece], 1, 2), (obs.A_mid * obs.dt[:, None, None])[piece]
+            )
     return drift
 
 

@@ -2,8 +2,8 @@
 
 ``R_dTheta(n) = 2 R(nT) - R((n-1)T) - R((n+1)T)`` for n >= 1, R the autocorrelation of theta (IDAM 17, its factor put
 right). Lag 0 is left out: the white noise of the gyros stands there. The model is fitted in (ln mu, ln b^2, ln sigma),
-since the printed way through the complex amplitude C (24) is singular on a critically damped axis. What the methods differ
-in is how they get from the sample autocorrelation to the three parameters.
+since the printed way through the complex amplitude C (24) is singular on a critically damped axis. What the methods
+differ in is how they get from the sample autocorrelation to the three parameters.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def increments(trial: Trial, alignment: Alignment, as_printed: bool = False) -> 
     They are those of the full attitude difference, its drift taken out, so that nothing of omega x theta is left.
     as_printed: IDAM 13-16, ``dTheta_m - dTheta_s + dTheta_m x Phi``, which leaves omega x theta in.
     """
-    obs = observe(pair(trial), Linearisation.at(alignment))
+    obs = observe(pair(trial, alignment), Linearisation.at(alignment))
     values = _printed(obs, alignment) if as_printed else _compensated(obs)
     seen = np.isfinite(obs.z[:, 0])
     values[~(seen[1:] & seen[:-1] & (obs.jump_s[1:] == 0.0))] = np.nan
