@@ -18,7 +18,6 @@ from schemas.products import Alignment, Deformation, Estimate, FlexureModel, Inn
 from schemas.rig import FloatArray
 from schemas.trial import Trial
 from stages.estimate.quaternion_matching import linear
-from stages.estimate.quaternion_matching.gaps import spread
 from stages.estimate.quaternion_matching.linear import Z_NOISE
 from stages.estimate.quaternion_matching.unscented import Trained
 from stages.paired import Observations
@@ -76,8 +75,8 @@ def deformation(
 ) -> Deformation:
     """The answer at every good sample of the main IMU."""
     obs = matched.obs
-    total = total_rotation(matched)
-    onto = quaternions.exp(spread(obs, matched.static)[obs.good])
+    total = obs.total(matched.d, matched.delay)[obs.good]
+    onto = quaternions.exp(obs.spread(matched.static)[obs.good])
     static = quaternions.multiply(onto, Rotation.from_matrix(matched.R_ref).as_quat())
     return Deformation(
         estimator=name,
@@ -95,27 +94,12 @@ def deformation(
     )
 
 
-def rates(obs: Observations) -> FloatArray:
-    """(n, 3) rad/s, rate of the sub in m-axes at the samples, interpolated between the steps."""
-    return spread(obs, obs.rate_s_m)
-
-
-def total_rotation(matched: Matched) -> FloatArray:
-    """(n, 4) quaternion of ``Exp(omega_s delay - A_m^T d) Y`` at the good samples."""
-    obs = matched.obs
-    to_m = quaternions.conjugate(obs.main.attitude[obs.good])
-    drift = quaternions.rotate(to_m, spread(obs, matched.d)[obs.good])
-    ahead = rates(obs) * spread(obs, matched.delay[:, None])
-    Y = quaternions.multiply(to_m, obs.sub.attitude[obs.good])
-    return quaternions.multiply(quaternions.exp(ahead[obs.good] - drift), Y)
-
-
 def covariance(matched: Matched) -> FloatArray:
     """(n, 3, 3) rad^2 of the total at the good samples: J P J^T + R, J = [-A_m^T, omega_s]."""
     obs = matched.obs
-    P = spread(obs, matched.P.reshape(-1, 16))[obs.good].reshape(-1, 4, 4)
+    P = obs.spread(matched.P.reshape(-1, 16))[obs.good].reshape(-1, 4, 4)
     J = np.empty((len(P), 3, 4))
     J[:, :, :3] = -np.swapaxes(Rotation.from_quat(obs.main.attitude[obs.good]).as_matrix(), 1, 2)
-    J[:, :, 3] = rates(obs)[obs.good]
+    J[:, :, 3] = obs.rates()[obs.good]
     full = J @ P @ np.swapaxes(J, 1, 2) + Z_NOISE**2 * np.eye(3)
     return np.asarray(0.5 * (full + np.swapaxes(full, 1, 2)))

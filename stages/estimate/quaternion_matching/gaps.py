@@ -57,20 +57,7 @@ def rejoined(obs: Observations, R_ref: FloatArray, d_prior: FloatArray) -> Obser
     z = quaternions.log(quaternions.multiply(total, Rotation.from_matrix(R_ref.T).as_quat()))
     z[np.isnan(obs.z[:, 0])] = np.nan
     sub = Strapdown(obs.sub.t, turned, obs.sub.velocity)
-    return replace(obs, sub=sub, z=z, rate_s_m=quaternions.rotate(in_m, obs.rate_s_m))
-
-
-def spread(obs: Observations, values: FloatArray) -> FloatArray:
-    """(n, k) at full rate of (N, k) at the steps: linear, with a jump where a gap ends, as d may change there."""
-    good = np.flatnonzero(obs.good)
-    resumed = good[1:][np.diff(good) > 1]
-    step = np.searchsorted(obs.index, resumed)
-    resumed, step = resumed[step < len(obs.index)], step[step < len(obs.index)]
-    ends = obs.t[resumed]
-    nodes = np.concatenate([obs.t[obs.index], np.nextafter(ends, -np.inf), ends])
-    at_nodes = np.concatenate([values, values[np.maximum(step - 1, 0)], values[step]])
-    order = np.argsort(nodes, kind="stable")
-    return np.stack([np.interp(obs.t, nodes[order], column) for column in at_nodes[order].T], axis=1)
+    return replace(obs, sub=sub, z=z, rate_m=quaternions.rotate(in_m, obs.rate_m))
 
 
 def _gaps(obs: Observations, tolerated: float) -> tuple[IntArray, IntArray]:

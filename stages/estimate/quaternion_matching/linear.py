@@ -51,6 +51,11 @@ def noise_of(rig: Rig, flexure: FlexureModel, d_prior: FloatArray, delay_prior: 
     return Noise(float(np.median(flexure.gyro_noise)), bias, d_prior, delay_prior)
 
 
+def turning_integral(obs: Observations) -> FloatArray:
+    """(N, 3, 3) s, integral of A_m over each step."""
+    return np.asarray(obs.A_mid * obs.dt[:, None, None])
+
+
 def drift_walk(obs: Observations, noise: Noise) -> FloatArray:
     """(N, 3) rad^2 that each step adds to d: angle random walk, and what gaps leave open."""
     return noise.gyro**2 * obs.dt[:, None] + drift_variance(obs.jump_s, noise.d_prior)
@@ -80,11 +85,12 @@ def _prior(deforming: Deforming, noise: Noise) -> FloatArray:
 
 def _transition(obs: Observations, deforming: Deforming) -> Sparse:
     entries: list[Entry] = []
+    turning = turning_integral(obs)
     for axis in range(3):
         places = (PHI + axis, PHI_DOT + axis)
         for i, row in enumerate(places):
             entries += [(row, col, deforming.F[axis, :, i, j] - (row == col)) for j, col in enumerate(places)]
-        entries += [(D + axis, EPS + j, obs.A_integral[:, axis, j]) for j in range(3)]
+        entries += [(D + axis, EPS + j, turning[:, axis, j]) for j in range(3)]
     return _sparse(entries)
 
 
@@ -108,5 +114,5 @@ def _measurement(obs: Observations) -> tuple[IndexArray, FloatArray]:
     columns = np.array([[PHI + i, STATIC + i, D, D + 1, D + 2, DELAY] for i in range(3)])
     rows = np.ones((len(obs.dt), 3, 6))
     rows[:, :, 2:5] = np.swapaxes(obs.A_end, 1, 2)
-    rows[:, :, 5] = -obs.rate_s_m
+    rows[:, :, 5] = -obs.rate_m
     return columns, rows

@@ -16,7 +16,7 @@ from numba import njit
 
 from physics.units import ARCMIN
 from schemas.rig import FloatArray
-from stages.estimate.quaternion_matching.linear import BIAS_WALK, Noise, drift_walk
+from stages.estimate.quaternion_matching.linear import BIAS_WALK, Noise, drift_walk, turning_integral
 from stages.paired import Observations
 
 NEURONS = 3  # l
@@ -64,8 +64,8 @@ def train(
     walk[:, -7:-4] = drift_walk(obs, noise) / ARCMIN**2
     walk[:, -4:-1] = ((BIAS_WALK * noise.bias_prior / ARCMIN) ** 2 * obs.dt)[:, None]
     x, P, g, innovation = unscented_filter(
-        np.nan_to_num(inputs), z / ARCMIN, np.ascontiguousarray(np.swapaxes(obs.A_end, 1, 2)), obs.A_integral,
-        obs.rate_s_m / ARCMIN, walk, (R_STD / ARCMIN) ** 2, OUTPUT_SCALE / ARCMIN, x0, np.diag(prior), neurons,
+        np.nan_to_num(inputs), z / ARCMIN, np.ascontiguousarray(np.swapaxes(obs.A_end, 1, 2)), turning_integral(obs),
+        obs.rate_m / ARCMIN, walk, (R_STD / ARCMIN) ** 2, OUTPUT_SCALE / ARCMIN, x0, np.diag(prior), neurons,
         np.array([ALPHA, BETA, KAPPA]),
     )  # fmt: skip
     units = np.array([*np.full(6, ARCMIN), 1.0])
@@ -124,6 +124,22 @@ def _solve(L: FloatArray, b: FloatArray, out: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
+def _correct(x: FloatArray, P: FloatArray, root: FloatArray, cross: FloatArray, nu: FloatArray) -> None:
+    """x += G nu, P -= G G^T with G = P_xz C^-T and S = C C^T; cross is used up."""
+    n = len(x)
+    for r in range(n):
+        _solve(root, cross[r], cross[r])
+        for i in range(3):
+            x[r] += cross[r, i] * nu[i]
+    for r in range(n):
+        for c in range(r + 1):
+            value = 0.5 * (P[r, c] + P[c, r])
+            for i in range(3):
+                value -= cross[r, i] * cross[c, i]
+            P[r, c] = P[c, r] = value
+
+
+@njit(cache=True, nogil=True)
 def _predict(x: FloatArray, P: FloatArray, A_int: FloatArray, walk: FloatArray) -> None:
     n = len(x)
     d, eps = n - 7, n - 4
@@ -159,7 +175,7 @@ def unscented_filter(
     h, mean, cross, S = np.zeros((2 * n + 1, 3)), np.zeros(3), np.zeros((n, 3)), np.zeros((3, 3))
     root = np.zeros((3, 3))
     xs, Ps, g, nu = np.zeros((steps, n)), np.zeros((steps, 7, 7)), np.zeros((steps, 3)), np.full((steps, 3), np.nan)
-    for k in range(steps):  # with S = C C^T and G = P_xz C^-T: x += G nu, P -= G G^T, nu = C^-1 (z - mean)
+    for k in range(steps):
         _predict(x, P, A_int[k], walk[k])
         if not np.isnan(z[k, 0]):
             _root(P, n + excess, L)
@@ -173,17 +189,15 @@ def unscented_filter(
                 _measure(inputs[k], sigma, A_T[k], rate[k], scale, neurons, h[1 + n + j])
             _moments(h, L, W, W_mean, W_cov, R, mean, S, cross)
             _root(S, 1.0, root)
-            _solve(root, z[k] - mean, nu[k])
-            for r in range(n):
-                _solve(root, cross[r], cross[r])
-                for i in range(3):
-                    x[r] += cross[r, i] * nu[k, i]
-            for r in range(n):
-                for c in range(n):
-                    for i in range(3):
-                        P[r, c] -= cross[r, i] * cross[c, i]
-        xs[k] = x
-        Ps[k] = P[n - 7 :, n - 7 :]
+            for i in range(3):
+                mean[i] = z[k, i] - mean[i]
+            _solve(root, mean, nu[k])
+            _correct(x, P, root, cross, nu[k])
+        for i in range(n):
+            xs[k, i] = x[i]
+        for i in range(7):
+            for j in range(7):
+                Ps[k, i, j] = P[n - 7 + i, n - 7 + j]
         network(inputs[k], x, neurons, g[k])
     return xs, Ps, scale * g, nu
 
