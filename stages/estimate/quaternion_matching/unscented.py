@@ -179,14 +179,11 @@ def unscented_filter(
         _predict(x, P, A_int[k], walk[k])
         if not np.isnan(z[k, 0]):
             _root(P, n + excess, L)
-            _measure(inputs[k], x, A_T[k], rate[k], scale, neurons, h[0])
-            for j in range(n):
+            for j in range(2 * n + 1):
+                side, column = (1.0 if j <= n else -1.0), (j - 1) % n
                 for i in range(n):
-                    sigma[i] = x[i] + L[i, j]
-                _measure(inputs[k], sigma, A_T[k], rate[k], scale, neurons, h[1 + j])
-                for i in range(n):
-                    sigma[i] = x[i] - L[i, j]
-                _measure(inputs[k], sigma, A_T[k], rate[k], scale, neurons, h[1 + n + j])
+                    sigma[i] = x[i] + side * L[i, column] if j > 0 else x[i]
+                _measure(inputs[k], sigma, A_T[k], rate[k], scale, neurons, h[j])
             _moments(h, L, W, W_mean, W_cov, R, mean, S, cross)
             _root(S, 1.0, root)
             for i in range(3):
