@@ -18,7 +18,7 @@ from physics import flexure
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-SLAB = 1 << 15  # instants put in between at a time
+RULE = np.polynomial.legendre.leggauss(8)  # for steps of the forcing's covariance
 JITTER = 1e-12  # of a unit variance, added before factoring a covariance that may be singular
 
 
@@ -74,49 +74,18 @@ def draw(axes: Axes, step: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 def between(axes: Axes, t: FloatArray, path: FloatArray, at: FloatArray, rng: np.random.Generator) -> FloatArray:
     """theta (k, m) at increasing instants ``at`` (m,) strictly between those of a path: t (n,), path (k, n, 2)."""
-    index = np.searchsorted(t, at) - 1
-    chained = np.concatenate([[False], np.diff(index) == 0])
-    before = np.where(chained, np.concatenate([[0.0], at[:-1]]), t[index])
-    children = rng.spawn(len(path))
-    parts = [
-        _between(axes.unit(i), path[i], index, chained, at - before, t[index + 1] - at, children[i])
-        for i in range(len(path))
-    ]
-    return np.stack(parts)
-
-
-def _between(
-    unit: tuple[float, float, float], path: FloatArray, index: IntArray, chained: NDArray[np.bool_],
-    left: FloatArray, right: FloatArray, rng: np.random.Generator,
-) -> FloatArray:  # fmt: skip
     from physics.recursion import bridge_recursion
 
-    coefficients = [_bridge(*unit, left[k : k + SLAB], right[k : k + SLAB]) for k in range(0, len(index), SLAB)]
-    to_left, to_right, root = (np.concatenate(parts) for parts in zip(*coefficients))
-    noise = rng.standard_normal((len(index), 2))
-    return bridge_recursion(path, index, chained.astype(np.int64), to_left, to_right, root, noise)[:, 0]
-
-
-def _bridge(
-    damping: float, stiffness: float, std: float, left: FloatArray, right: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """x | before, after: gains on both (n, 2, 2) and the factor of the covariance, for spans to either side (n,).
-
-    x = F1 before + n1, after = F2 x + n2: K = Q1 F2^T (F2 Q1 F2^T + Q2)^-1, covariance by Joseph's form.
-    """
-    f1, f2 = (flexure.transition(damping, stiffness, h) for h in (left, right))
-    q1, q2 = (flexure.noise_covariance(damping, stiffness, std, h) for h in (left, right))
-    transposed = np.swapaxes(f2, -1, -2)
-    gain = q1 @ transposed @ _inverse(f2 @ q1 @ transposed + q2)
-    rest = np.eye(2) - gain @ f2
-    spread = rest @ q1 @ np.swapaxes(rest, -1, -2) + gain @ q2 @ np.swapaxes(gain, -1, -2)
-    return rest @ f1, gain, flexure.cholesky(spread)
-
-
-def _inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of symmetric (n, 2, 2)."""
-    a, b, c = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]
-    return np.stack([c, -b, -b, a], axis=-1).reshape(-1, 2, 2) / (a * c - b * b)[:, None, None]
+    index = np.searchsorted(t, at) - 1
+    chained = np.concatenate([[False], np.diff(index) == 0])
+    left = at - np.where(chained, np.concatenate([[0.0], at[:-1]]), t[index])
+    right, rule = t[index + 1] - at, np.array(RULE)
+    parts = []
+    for i, child in enumerate(rng.spawn(len(path))):
+        mu, b2, _ = axes.unit(i)
+        noise = child.standard_normal((len(at), 2))
+        parts.append(bridge_recursion(path[i], index, chained, left, right, mu, b2, rule, noise)[:, 0])
+    return np.stack(parts)
 
 
 def _factor(covariance: FloatArray) -> FloatArray:

@@ -54,7 +54,7 @@ def test_what_can_be_listed_is_listed(deckflex, kind):
     assert all(entry.name in told.out for entry in listing(kind))
 
 
-@pytest.mark.parametrize("kind", [Kind.ESTIMATORS, Kind.IDENTIFIERS, Kind.SHAPES, Kind.TWINS])
+@pytest.mark.parametrize("kind", [Kind.ESTIMATORS, Kind.IDENTIFIERS, Kind.SHAPES, Kind.TWINS, Kind.EFFECTS])
 def test_every_listed_thing_says_what_it_is(kind):
     assert listing(kind)
     assert all(entry.about for entry in listing(kind))
