@@ -81,9 +81,9 @@ def stamps(table: Table, channel: Channel) -> IntArray:
         parts = (f"{path}.{seconds}", f"{path}.{nanoseconds}")
         if all(part in table.columns for part in parts):
             whole, rest = (_number(table, part) for part in parts)
-            seconds = _as_nanoseconds(whole, _STAMP_FACTOR["s"])
-            lost = (seconds == 0) & (whole != 0)
-            return np.where(lost, 0, seconds + _as_nanoseconds(rest, _STAMP_FACTOR["ns"]))
+            from_seconds = _as_nanoseconds(whole, _STAMP_FACTOR["s"])
+            lost = (from_seconds == 0) & (whole != 0)
+            return np.where(lost, 0, from_seconds + _as_nanoseconds(rest, _STAMP_FACTOR["ns"]))
     if path in table.columns and table.columns[path].dtype.kind in "OU":
         return _from_text(table.columns[path], path)
     return _as_nanoseconds(_number(table, path), _STAMP_FACTOR[channel.stamp_unit])
