@@ -2,8 +2,8 @@
 
 Model per axis: ``theta'' + 2 mu theta' + b^2 theta = w`` with PSD of w ``q = 4 mu b^2 sigma^2``, seen through
 increments ``theta[k] - theta[k-1]`` over the sampling interval T, plus white increments of variance ``N^2 T`` (angle
-random walk of the gyros). The spectrum of the sampled process is exact, aliasing included: with ``R(n) = sum c_i p_i^|n|``,
-``p_i = exp(s_i T)``, it is ``sum c_i (1 - p_i^2) / (1 - 2 p_i cos w + p_i^2)``, for any damping.
+random walk of the gyros). The spectrum of the sampled process is exact, aliasing included: with
+``R(n) = sum c_i p_i^|n|``, ``p_i = exp(s_i T)``, it is ``sum c_i (1 - p_i^2) / (1 - 2 p_i cos w + p_i^2)``, for any damping.
 """
 
 from __future__ import annotations
@@ -105,12 +105,13 @@ def fit(
     noise_prior: float,
     noise_spread: float,
     weight: FloatArray | None = None,
-    start: tuple[float, float, float] | None = None,
+    start: tuple[float, float, float, float] | None = None,
 ) -> WhittleFit:
     """Maximise ``-sum count (ln S + I/S)`` plus weak log-normal priors.
 
     T: s. noise_prior: rad/sqrt(s), centre of the prior on the gyro noise, noise_spread its natural-log sigma. weight:
-    (k,) 0..1 per bin (0 leaves a bin out). start: (mu, b^2, sigma) to begin from; otherwise several starts are tried.
+    (k,) 0..1 per bin (0 leaves a bin out). start: (mu, b^2, sigma, noise) to begin from; otherwise several starts
+    are tried.
     """
     count = data.count * (1.0 if weight is None else weight)
     total = float(np.sum(data.power * data.count) / np.sum(data.count))
@@ -124,7 +125,7 @@ def fit(
         prior += ((p[0] - 0.5 * p[1]) / PRIOR_SPREAD) ** 2
         return float(np.sum(count * (np.log(S) + data.power / S)) + 0.5 * prior)
 
-    starts = _starts(total, T, noise_prior, start)
+    starts = _starts(data, total, T, noise_prior) if start is None else [np.log(np.array(start))]
     best = min((_minimise(cost, p0, start is None) for p0 in starts), key=lambda solution: solution.fun)
     covariance = _inverse_hessian(cost, best.x)
     mu, stiffness, sigma, noise = np.exp(best.x)
@@ -132,12 +133,17 @@ def fit(
     return WhittleFit(mu, stiffness, sigma, noise, covariance, _misfit(data, S, count), -float(best.fun))
 
 
-def _starts(total: float, T: float, noise: float, start: tuple[float, float, float] | None) -> list[FloatArray]:
-    if start is not None:
-        return [np.log(np.array([*start, noise]))]
-    # The variance of increments over short T is about 2 (R(0) - R(T)) = q T^2 / (4 mu) = b^2 sigma^2 T^2.
+def _starts(data: Periodogram, total: float, T: float, noise_prior: float) -> list[FloatArray]:
+    # The variance of increments over short T is about 2 (R(0) - R(T)) = q T^2 / (4 mu) = b^2 sigma^2 T^2; what the top
+    # two octaves hold may be all gyro noise instead, and then the flexure is what stands above it.
+    top = data.omega > data.omega[-1] / 4
+    floor = float(np.average(data.power[top], weights=data.count[top]))
+    noisy = float(np.sqrt(floor / T))
+    above = max(total - floor, 1e-4 * total)
+    levels = [(noise_prior, total), (max(noisy, noise_prior), above)]
     return [
-        np.log(np.array([b * ratio, b * b, np.sqrt(total) / (b * T), noise]))
+        np.log(np.array([b * ratio, b * b, np.sqrt(variance) / (b * T), noise]))
+        for noise, variance in levels
         for b in (0.1, 0.5)
         for ratio in (1.0, 0.3)
     ]

@@ -12,8 +12,10 @@ from schemas.rig import FloatArray, Rig
 
 SHORTEST_RUN_S = 10.0  # s: pieces between gaps shorter than this are left out
 GYRO_NOISE = 1.4e-3 * DEG_PER_SQRT_HOUR  # of the difference of two fibre gyros; centre of a prior three decades wide
-GYRO_NOISE_SPREAD = 1.5  # natural-log sigma of that prior where the rig states nothing
+GYRO_NOISE_SPREAD = 2.5  # natural-log sigma of that prior where the rig states nothing
 GYRO_NOISE_STATED_SPREAD = 0.1  # and where it does
+HOLE_S = 0.15  # s, longest bridged stretch that is taken as measured
+BAD_MISFIT = 0.5  # share of the power of some octave
 SHORT_RECORD = 20.0  # correlation times
 WEAK_SIGMA = 0.35  # standard error of ln sigma
 
@@ -36,17 +38,44 @@ def fit_flexure(
     """
     T = float(np.median(np.diff(t)))
     increments = quaternions.log(quaternions.multiply(total[1:], quaternions.conjugate(total[:-1])))
-    pieces = _pieces(good[1:] & good[:-1], max(int(SHORTEST_RUN_S / T), 64))
+    whole = _without_holes(good[1:] & good[:-1], int(HOLE_S / T))
+    pieces = _pieces(whole, max(int(SHORTEST_RUN_S / T), 64))
     if not pieces:
         raise DataError(f"no piece of {SHORTEST_RUN_S:.0f} s without a gap: the flexure cannot be identified")
     centre, spread = gyro_noise_prior(rig)
     fits = []
     for axis in range(3):
         data = whittle.periodogram([increments[piece, axis] for piece in pieces])
-        begin = None if start is None else (start.damping[axis], start.stiffness[axis], start.std[axis])
-        fits.append(whittle.fit(data, T, noise_prior=centre, noise_spread=spread, start=begin))
+        fits.append(_fit_axis(data, T, centre, spread, _start(start, axis)))
     length = sum(piece.stop - piece.start for piece in pieces) * T
     return _model(fits, length)
+
+
+def _start(model: FlexureModel | None, axis: int) -> tuple[float, float, float, float] | None:
+    if model is None:
+        return None
+    return model.damping[axis], model.stiffness[axis], model.std[axis], model.gyro_noise[axis]
+
+
+def _fit_axis(
+    data: whittle.Periodogram, T: float, centre: float, spread: float, start: tuple[float, float, float, float] | None
+) -> whittle.WhittleFit:
+    """From the last model if there is one; anew if that leaves an octave badly explained."""
+    fit = whittle.fit(data, T, noise_prior=centre, noise_spread=spread, start=start)
+    if start is None or abs(fit.misfit) < BAD_MISFIT:
+        return fit
+    anew = whittle.fit(data, T, noise_prior=centre, noise_spread=spread)
+    return max(fit, anew, key=lambda found: found.log_likelihood)
+
+
+def _without_holes(good: BoolArray, longest: int) -> BoolArray:
+    """Bridged stretches of a few samples count as measured: splitting there would lose the low frequencies."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[1], good.astype(int), [1]])))
+    whole = good.copy()
+    for a, b in zip(edges[::2], edges[1::2]):
+        if b - a <= longest and a > 0 and b < len(good):
+            whole[a:b] = True
+    return whole
 
 
 def _pieces(good: BoolArray, shortest: int) -> list[slice]:

@@ -24,6 +24,7 @@ LONG_RECORD_S = 4 * 3600.0  # s: beyond it the step is doubled, so that memory s
 SHORTEST_S = 10.0  # s
 SPIKE_SIGMA = 12.0  # of the local spread of second differences
 SPIKE_WINDOW = 101  # samples
+CARRIED_GAP_S = 0.1  # s: a longer gap is carried by the other unit, a shorter one by a straight line
 MARGIN_S = 2.0  # s: more than any delay that is looked for
 
 
@@ -80,8 +81,9 @@ class Observations:
     IMU at the first sample (sub: ``R_0 A_s`` and its velocity). index: (N,) sample of each step's end. dt: (N,) s.
     jump_s: (N,) s bridged within the step, gap_end: (N,) s, when the last of it ended. z: (N, 3) rad at the ends.
     u: (N, 3) m/s, mean over the step, NaN where it has gaps. A_start, A_end, A_mid: (N, 3, 3) of A_m. omega: (N, 3)
-    rad/s, mean. rate_s_m: (N, 3) rad/s of the sub at the ends, in m-axes. force_i, force_s_m: (N, 3) m/s^2, mean
-    specific force of the sub in i and in m. centred: (N,) s from the middle.
+    rad/s, mean. rate_m: (N, 3) rad/s of the main IMU at the ends. force_i: (N, 3) m/s^2, mean specific force of
+    the sub in i; force_m: (N, 3), of the main IMU in m. centred: (N,) s from the middle. What multiplies the delay
+    comes from the main IMU, because the sub's own flexure would correlate with it.
     """
 
     t: FloatArray
@@ -98,9 +100,9 @@ class Observations:
     A_end: FloatArray
     A_mid: FloatArray
     omega: FloatArray
-    rate_s_m: FloatArray
+    rate_m: FloatArray
     force_i: FloatArray
-    force_s_m: FloatArray
+    force_m: FloatArray
     centred: FloatArray
 
     @property
@@ -126,8 +128,8 @@ class Observations:
         return np.stack([np.interp(self.t, nodes[order], column) for column in values[order].T], axis=1)
 
     def rates(self) -> FloatArray:
-        """(n, 3) rad/s, rate of the sub in m-axes at the samples; flexure's share, which is small, is interpolated."""
-        return self.spread(self.rate_s_m)
+        """(n, 3) rad/s, rate of the main IMU at the samples, linear between steps: it multiplies small delays."""
+        return self.spread(self.rate_m)
 
 
 def _cut_unit(unit: matching.Unit, begin: float, end: float) -> matching.Unit:
@@ -189,7 +191,7 @@ def _carried(unit: matching.Unit, other: matching.Unit, turn: FloatArray, delay:
     at = unit.t[unit.filled] + delay
     inside = (at >= other.t[0]) & (at <= other.t[-1])
     k = np.clip(np.searchsorted(other.t, at), 0, len(other.t) - 1)
-    usable = inside & ~other.filled[k]
+    usable = inside & ~other.filled[k] & _in_long_gap(unit)
     rows = np.flatnonzero(unit.filled)[usable]
     if not len(rows):
         return unit
@@ -198,6 +200,15 @@ def _carried(unit: matching.Unit, other: matching.Unit, turn: FloatArray, delay:
         seen = np.stack([np.interp(at[usable], other.t, column) for column in source.T], axis=1)
         target[rows] = seen @ turn.T
     return matching.Unit(unit.t, gyro, accel, unit.filled)
+
+
+def _in_long_gap(unit: matching.Unit) -> BoolArray:
+    """Of the bridged samples, those of gaps longer than CARRIED_GAP_S."""
+    good = np.flatnonzero(~unit.filled)
+    bridged = np.flatnonzero(unit.filled)
+    after = np.minimum(np.searchsorted(good, bridged), len(good) - 1)
+    length = unit.t[good[after]] - unit.t[good[np.maximum(after - 1, 0)]]
+    return np.asarray(length > CARRIED_GAP_S)
 
 
 def _corrected_sub(paired: Paired, at: Linearisation) -> matching.Strapdown:
@@ -278,10 +289,12 @@ def _per_step(
     jump_s, gap_end = _jumps(t, bad, index)
     force_i = np.zeros((len(index), 3))
     force_i[1:] = np.diff(sub.velocity[index], axis=0) / dt[1:, None]
+    force_m = np.zeros((len(index), 3))
+    force_m[1:] = np.einsum("kji,kj->ki", A_mid[1:], np.diff(main.velocity[index], axis=0) / dt[1:, None])
     return Observations(
         t=t, good=~bad, main=main, sub=sub, index=index, dt=dt, jump_s=jump_s, gap_end=gap_end, z=z, u=u,
         A_start=np.concatenate([A_end[:1], A_end[:-1]]), A_end=A_end, A_mid=A_mid, omega=omega,
-        rate_s_m=_rates_at(sub, main, index), force_i=force_i, force_s_m=np.einsum("kji,kj->ki", A_mid, force_i),
+        rate_m=_rates_at(main, index), force_i=force_i, force_m=force_m,
         centred=t[index] - 0.5 * (t[0] + t[-1]),
     )  # fmt: skip
 
@@ -304,12 +317,11 @@ def _mean_rates(gyro: FloatArray, t: FloatArray, index: IntArray) -> FloatArray:
     return omega
 
 
-def _rates_at(sub: matching.Strapdown, main: matching.Strapdown, index: IntArray) -> FloatArray:
-    """(N, 3) rad/s, rate of the sub in m-axes at samples ``index``, from its neighbours."""
-    after, before = np.minimum(index + 1, len(sub.t) - 1), np.maximum(index - 1, 0)
-    A_after, A_before = Rotation.from_quat(sub.attitude[after]), Rotation.from_quat(sub.attitude[before])
-    turned_i = (A_after * A_before.inv()).as_rotvec() / (sub.t[after] - sub.t[before])[:, None]
-    return np.asarray(Rotation.from_quat(main.attitude[index]).inv().apply(turned_i))
+def _rates_at(path: matching.Strapdown, index: IntArray) -> FloatArray:
+    """(N, 3) rad/s, body rate at samples ``index``, from their neighbours."""
+    after, before = np.minimum(index + 1, len(path.t) - 1), np.maximum(index - 1, 0)
+    turned = Rotation.from_quat(path.attitude[before]).inv() * Rotation.from_quat(path.attitude[after])
+    return np.asarray(turned.as_rotvec() / (path.t[after] - path.t[before])[:, None])
 
 
 def _with_gaps(bad: BoolArray, index: IntArray) -> BoolArray:

@@ -20,9 +20,9 @@ States (rad, m, s; m-axes unless said)::
     M               errors of the gyro difference's scale constant, (3, 3) row-major
 
 The attitudes show ``zeta = theta + Phi + A_m^T d - omega_s delay``, free of noise but for rounding. It takes theta's
-place as a state, so that this measurement is of one state and not a small difference of uncertain ones; theta's dynamics
-are written in it. The second measurement is the mean relative velocity u. With zeta in hand u needs neither theta' nor any
-derivative: ``u - B dz/dt - omega x B z = A_m^T V + omega x r - f delay + ...``. Slow bending moves the lever arm as
+place as a state, so that this measurement is of one state and not a small difference of uncertain ones; theta's
+dynamics are written in it. The second measurement is the mean relative velocity u. With zeta in hand u needs neither
+theta' nor any derivative: ``u - B dz/dt - omega x B z = A_m^T V + omega x r - f delay + ...``. Slow bending moves the lever arm as
 fast bending does, so Phi stays in z there; its constant part is absorbed by r. What flexure moves the lever arm by
 beyond that model is the noise of u.
 """
@@ -38,7 +38,7 @@ from physics.kalman import SparseModel
 from physics.rotations import skew
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
-from stages.paired import Observations
+from stages.paired import CARRIED_GAP_S, Observations
 
 ZETA, THETA_DOT, PHI, PHI_DOT = 0, 3, 6, 9
 D, EPS, DELAY, DRIFT = 12, 15, 18, 19
@@ -46,6 +46,7 @@ V, NABLA, R, B, M, JITTER, JITTER_BEFORE, KAPPA = 20, 23, 26, 29, 38, 47, 50, 53
 SIZE = 56
 ROW = 38  # entries of a row of H, at most
 GAP_ANGLE = 5e-3  # rad, one sigma of a gap of 1 s and more
+GAP_JERK = 0.02  # rad/s^3: what a straight line misses of a lively ship's rate in a short gap
 Z_NOISE = 1e-7  # rad (0.0004 arcmin): rounding, interpolation and linearisation of z
 
 
@@ -112,8 +113,8 @@ def zeta_map(obs: Observations) -> FloatArray:
     T = np.eye(SIZE)
     T[ZETA : ZETA + 3, PHI : PHI + 3] = np.eye(3)
     T[ZETA : ZETA + 3, D : D + 3] = obs.A_end[0].T
-    T[ZETA : ZETA + 3, DELAY] = -obs.rate_s_m[0]
-    T[ZETA : ZETA + 3, DRIFT] = -obs.rate_s_m[0] * obs.centred[0]
+    T[ZETA : ZETA + 3, DELAY] = -obs.rate_m[0]
+    T[ZETA : ZETA + 3, DRIFT] = -obs.rate_m[0] * obs.centred[0]
     return T
 
 
@@ -171,7 +172,7 @@ def _flexure_rows(E: _Pattern, obs: Observations, noise: Noise) -> None:
     """zeta and theta': theta = zeta - Phi - A_m^T d + omega_s delay stepped on, and put back."""
     A_T = np.swapaxes(obs.A_end, 1, 2)
     before = np.concatenate([A_T[:1], A_T[:-1]])
-    rate = obs.rate_s_m
+    rate = obs.rate_m
     rate_before = np.concatenate([rate[:1], rate[:-1]])
     centred_before = np.concatenate([obs.centred[:1], obs.centred[:-1]])
     on_eps = A_T @ obs.A_integral
@@ -232,11 +233,12 @@ def _gap_variance(jump: FloatArray, noise: Noise) -> FloatArray:
     """Variance of what the bridging of a gap can have missed of the relative rotation.
 
     The flexure that happened unseen, at most its stationary spread, and what the other unit, turned by the coarse
-    alignment, carried across wrongly.
+    alignment, carried across wrongly or, in a short gap, what a straight line misses.
     """
     q = np.max(4 * noise.damping * noise.stiffness * noise.std**2)
     unseen = np.minimum(q * jump**3, 4.0 * np.max(noise.std) ** 2)
-    return np.asarray(unseen + (GAP_ANGLE * np.minimum(jump, 1.0)) ** 2) * (jump > 0)
+    missed = np.where(jump > CARRIED_GAP_S, GAP_ANGLE * np.minimum(jump, 1.0), GAP_JERK * jump**3)
+    return np.asarray(unseen + missed**2) * (jump > 0)
 
 
 def _measurements(
@@ -275,13 +277,12 @@ def _flexure_velocity(obs: Observations, coupling: FloatArray) -> FloatArray:
 
 def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, rows: FloatArray) -> None:
     A_mid_T = np.swapaxes(obs.A_mid, 1, 2)
-    rate = obs.rate_s_m
     dt = np.maximum(obs.dt, 1e-9)[:, None, None]
     turning = skew(obs.omega)
     A_change = np.swapaxes(obs.A_end - obs.A_start, 1, 2) / dt
     on_d = A_mid_T @ skew(obs.force_i) * (0.5 * dt) - coupling @ A_change - turning @ coupling @ A_mid_T
-    rate_change = np.diff(rate, axis=0, prepend=rate[:1]) / dt[:, :, 0]
-    on_delay = -obs.force_s_m + rate_change @ coupling.T + np.cross(obs.omega, rate @ coupling.T)
+    # A delay shifts the sub's whole velocity; its share from turning and bending is what zeta's own shift predicts.
+    on_delay = -obs.force_m
     theta_dot, theta = (np.nan_to_num(x) for x in _flexure_rate(obs))
     for i in range(3):
         columns[3 + i] = [
