@@ -157,10 +157,9 @@ def test_step_means_are_those_of_the_trapezoid_rule() -> None:
     A = conical(t).as_matrix()
     main = matching.Strapdown(t, conical(t).as_quat(), inertial_velocity(t))
     sub = matching.Strapdown(t, main.attitude, np.stack([t**2, np.sin(t), 1.0 + t], axis=1))
-    A_end, A_mean, u_end, u_mean = matching.step_means(main, sub, index)
+    A_end, A_mean, u_mean = matching.step_means(main, sub, index)
     u = np.einsum("kji,kj->ki", A, sub.velocity - main.velocity)
     np.testing.assert_allclose(A_end, A[index], atol=1e-14)
-    np.testing.assert_allclose(u_end, u[index], atol=1e-12)
     for k in range(1, 4):
         part = slice(index[k - 1], index[k] + 1)
         length = t[part][-1] - t[part][0]
@@ -172,7 +171,7 @@ def test_interval_means_are_exact_for_cubics() -> None:
     t = 0.05 * np.arange(60)
     primitive = np.stack([t**4 / 4 - t, t**3 / 3 + t**2, 2 * t**4 - t**3], axis=1)
     values = np.stack([t**3 - 1, t**2 + 2 * t, 8 * t**3 - 3 * t**2], axis=1)
-    means = matching.interval_means(t, values)
+    means = matching.interval_means(values)
     np.testing.assert_allclose(means[2:-1], (np.diff(primitive, axis=0) / 0.05)[1:-1], atol=1e-12)
     np.testing.assert_allclose(means[[1, -1]], (np.diff(primitive, axis=0) / 0.05)[[0, -1]], atol=0.005)
 

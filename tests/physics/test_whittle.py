@@ -170,7 +170,7 @@ def test_start_near_the_optimum_and_search_from_afar_meet() -> None:
     theta, _ = flexure.sample(mu, b2, sigma, np.full(9_000, T), np.random.default_rng(10))
     data = whittle.periodogram([np.diff(theta)])
     prior = {"noise_prior": 4e-7, "noise_spread": 1.5}
-    afar, near = whittle.fit(data, T, **prior), whittle.fit(data, T, start=(0.15, 0.25, 4 * ARCMIN), **prior)
+    afar, near = whittle.fit(data, T, **prior), whittle.fit(data, T, start=(0.15, 0.25, 4 * ARCMIN, 4e-7), **prior)
     np.testing.assert_allclose(
         np.log([near.damping, near.stiffness, near.std]), np.log([afar.damping, afar.stiffness, afar.std]), atol=0.02
     )
