@@ -113,7 +113,7 @@ def test_delay(base) -> None:
     turn = WORLD.main(start) * WORLD.total(start)
     late = WORLD.main(start - delay) * WORLD.total(start - delay)
     d = (WORLD.main(start).inv() * turn * late.inv() * WORLD.main(start)).as_rotvec()[0]
-    # The path starts late: d, and the velocity gained in the delay. Flexure's rate, a per cent of the ship's, is left out.
+    # The path starts late: d, and the velocity gained in the delay. Flexure's own rate, a per cent, is left out.
     gained = WORLD.main(start)[0].inv().apply((turn.apply(WORLD.force("sub", start)) * delay)[0])
     compare(base, world, state(DELAY=delay, D=d, V=gained), z_rel=0.015, u_rel=0.01)
 
