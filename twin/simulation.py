@@ -135,17 +135,18 @@ def make_world(twin: Twin, streams: dict[str, np.random.Generator]) -> World:
     per_sample = sampling.substeps(twin.run.rate, twin.mount.lever_bandwidth)
     stamped = _nodes(0, sample_count(twin), per_sample, twin.run.rate)
     measured = _sub_clock(stamped, twin, built)
-    others = [effect.phins_clock(unit, stamped[per_sample::per_sample])
-              for effect in built for unit in ("phins_main", "phins_sub")]  # fmt: skip
+    stamps = stamped[per_sample::per_sample]
+    clocks = [_phins_clock(unit, stamps, built) for unit in ("phins_main", "phins_sub")]
+    others = [t for t in (measured, *clocks) if t is not stamped and t is not stamps]
     spread = bending.margin(twin.mount.lever_bandwidth)
-    earliest = min(stamped[0], measured.min(), *(t.min() for t in others)) - spread
+    earliest = min(t.min() for t in (stamped, *others)) - spread
     earliest = LEAD * np.floor(earliest / LEAD)  # a start that a delay does not move: the same flexure is drawn
-    latest = max(stamped[-1], measured.max(), *(t.max() for t in others)) + spread
+    latest = max(t.max() for t in (stamped, *others)) + spread
     scene = Scene(twin, ShipMotion(twin.ship, realise(twin.sea, streams["sea"]), (earliest, latest)))
     step = 1.0 / (per_sample * twin.run.rate)
     count = np.arange(int(np.floor(earliest / step)), int(np.ceil(latest / step)) + 1)
     grid = np.asarray(count * step, dtype=np.float64)
-    path = bending.draw_path([grid, stamped, measured, *others], scene, built, streams["flexure"])
+    path = bending.draw_path([grid, stamped, *others], scene, built, streams["flexure"])
     lever = bending.lever_path(path, grid, twin.mount.lever_bandwidth)
     return World(scene, built, effects.generators(built, streams["effects"]), path, lever, per_sample)
 
@@ -178,6 +179,12 @@ def _sub_clock(t: FloatArray, twin: Twin, built: Sequence[Effect]) -> FloatArray
     for effect in built:
         t = effect.sub_clock(t)
     return t - twin.mount.time_delay if twin.mount.time_delay else t
+
+
+def _phins_clock(unit: str, t: FloatArray, built: Sequence[Effect]) -> FloatArray:
+    for effect in built:
+        t = effect.phins_clock(unit, t)
+    return t
 
 
 def _slab(world: World, first: int, last: int) -> tuple[FloatArray, ...]:
@@ -273,9 +280,7 @@ def _phins(
 
 def _attitude_as_stamped(world: World, unit: str, t: FloatArray, q_n_imu: FloatArray) -> FloatArray:
     """The attitude of the unit's place at the times its clock says; q_n_imu when the clock is right."""
-    measured = t
-    for effect in world.effects:
-        measured = effect.phins_clock(unit, measured)
+    measured = _phins_clock(unit, t, world.effects)
     if np.array_equal(measured, t):
         return q_n_imu
 

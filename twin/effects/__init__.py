@@ -120,8 +120,8 @@ def generators(effects: Sequence[Effect], rng: np.random.Generator) -> tuple[np.
 
 
 def _told(cls: type[Effect], problem: ValidationError) -> str:
-    """The first fault as a sentence."""
-    error = problem.errors()[0]
+    """A fault as a sentence: an unknown name first, for it is often why another is missing."""
+    error = min(problem.errors(), key=lambda found: found["type"] != "extra_forbidden")
     key = ".".join(str(part) for part in error["loc"])
     known = ", ".join(f"'{item}'" for item in cls.model_fields)
     if error["type"] == "extra_forbidden":

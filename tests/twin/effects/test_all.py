@@ -160,6 +160,7 @@ def test_unknown_parameters_and_absurd_values_are_told(name: str) -> None:
         ({"name": "slamming", "rate": 1.0, "amplitude": 1.0, "axis": "w"}, r"'axis' input should be 'x', 'y' or 'z'"),
         ({"name": "axis_coupling", "xy": 0.9, "xz": 0.9, "yz": -0.9}, "no three axes have such correlations"),
         ({"name": "thermal_bending", "amplitude": {"w": 1.0}}, "'amplitude' there is no axis w"),
+        ({"name": "time_delay", "dely": 1.0}, r"unknown parameter 'dely' \(there are 'delay'\)"),
         ({"name": "gyro_bias"}, "states none of its parameters x, y, z"),
         ({"name": "gyro_saturation", "limit": 0.0}, "'limit' must be at least 1e-06 deg/s, not 0"),
     ],

@@ -23,3 +23,11 @@ def test_attitude_error_is_a_sine_of_the_sub_units_in_main_axes() -> None:
     expected = np.outer(np.sin(2 * np.pi * np.arange(3000) * 0.01 / 40.0), [1.0, -2.0, 5.0]) * ARCMIN
     np.testing.assert_allclose((seen * right.inv()).as_rotvec(), expected, atol=1e-12)
     np.testing.assert_array_equal(wrong.trial.phins_main.attitude, plain.trial.phins_main.attitude)
+
+
+def test_latencies_add_up() -> None:
+    twice, once = (
+        pair(*[table("phins_latency", delay=d)] * n, flexure=LIVELY)[1] for d, n in ((0.0123, 2), (0.0246, 1))
+    )
+    same = np.abs((twice.trial.phins_sub.attitude * once.trial.phins_sub.attitude).sum(axis=1))
+    np.testing.assert_allclose(same, 1.0, atol=1e-12)
