@@ -1,6 +1,6 @@
 """From the drift d and the delay at the steps to the deformation at every sample.
 
-``R_m_s = Exp(omega_s delay - A_m^T d) Y``: the total needs no deformation state, so what is interpolated between the
+``R_m_s = Exp(omega_m delay - A_m^T d) Y``: the total needs no deformation state, so what is interpolated between the
 steps is slow, and nothing is taken as small.
 """
 
@@ -95,7 +95,7 @@ def deformation(
 
 
 def covariance(matched: Matched) -> FloatArray:
-    """(n, 3, 3) rad^2 of the total at the good samples: J P J^T + R, J = [-A_m^T, omega_s]."""
+    """(n, 3, 3) rad^2 of the total at the good samples: J P J^T + R, J = [-A_m^T, omega_m]."""
     obs = matched.obs
     P = obs.spread(matched.P.reshape(-1, 16))[obs.good].reshape(-1, 4, 4)
     J = np.empty((len(P), 3, 4))

@@ -46,18 +46,17 @@ def rejoined(obs: Observations, R_ref: FloatArray, d_prior: FloatArray) -> Obser
     if len(before) == 0:
         return obs
     main, old = obs.main.attitude, obs.sub.attitude
-    turned, turn = old.copy(), np.tile([0.0, 0.0, 0.0, 1.0], (len(old), 1))
-    for a, b in zip(before, after):
+    turned = old.copy()
+    for a, b, end in zip(before, after, [*after[1:], len(old)]):
         Y = quaternions.multiply(quaternions.conjugate(main[a]), turned[a])
-        turn[b:] = quaternions.multiply(quaternions.multiply(main[b], Y), quaternions.conjugate(old[b]))
-        turned[b:] = quaternions.multiply(turn[b:], old[b:])
+        turn = quaternions.multiply(quaternions.multiply(main[b], Y), quaternions.conjugate(old[b]))
+        turned[b:end] = quaternions.multiply(turn, old[b:end])
     to_m = quaternions.conjugate(main[obs.index])
-    in_m = quaternions.multiply(quaternions.multiply(to_m, turn[obs.index]), main[obs.index])
     total = quaternions.multiply(to_m, turned[obs.index])
     z = quaternions.log(quaternions.multiply(total, Rotation.from_matrix(R_ref.T).as_quat()))
     z[np.isnan(obs.z[:, 0])] = np.nan
     sub = Strapdown(obs.sub.t, turned, obs.sub.velocity)
-    return replace(obs, sub=sub, z=z, rate_m=quaternions.rotate(in_m, obs.rate_m))
+    return replace(obs, sub=sub, z=z)
 
 
 def _gaps(obs: Observations, tolerated: float) -> tuple[IntArray, IntArray]:

@@ -1,6 +1,6 @@
 """The linear matching model and its causal filter.
 
-    z = phi + A_m^T d - omega_s delay + v          d' = A_m eps          eps' = w_eps          delay' = 0
+    z = phi + A_m^T d - omega_m delay + v          d' = A_m eps          eps' = w_eps          delay' = 0
 
 z is the paper's Z seen in m-axes, ``Z = A_m z`` (TD-MA 26, MF 9). Of theta_1, theta_2 and phi_0 only
 ``d = theta_1 - C theta_2 - phi_0`` is observable, of the two gyros' biases only the difference eps.

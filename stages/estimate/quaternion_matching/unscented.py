@@ -1,6 +1,6 @@
 """Online network trained by an unscented Kalman filter, compiled.
 
-    z = s g(u, W) + A_m^T d - omega_s delay + v,   g(u, W) = W_out tanh(W_in u + b_in) + b_out   (MF 10-19, TD-MA 36-42)
+    z = s g(u, W) + A_m^T d - omega_m delay + v,   g(u, W) = W_out tanh(W_in u + b_in) + b_out   (MF 10-19, TD-MA 36-42)
 
 W walks at random; d, eps and delay move as in :mod:`stages.estimate.quaternion_matching.linear`. Everything but tanh is
 linear, so that only the update needs sigma points: scaled, redrawn after the prediction (R. van der Merwe, 2004).

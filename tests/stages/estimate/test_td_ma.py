@@ -5,6 +5,7 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from scipy.spatial.transform import Rotation
 
+from physics import quaternions
 from schemas.errors import DataError
 from schemas.products import Status
 from stages.estimate import get
@@ -201,6 +202,17 @@ def test_rejoining_continues_the_match_across_a_gap(run):
     assert np.abs(np.diff(whole.z[seen], axis=0)).max() < 5.0 * ARCMIN
     assert np.abs(obs.z[seen]).max() > 100.0 * ARCMIN
     assert gaps.rejoined(obs, at.R_ref, np.full(3, 10.0)) is obs
+
+
+def test_rejoining_goes_on_across_one_gap_after_another(run):
+    at = Linearisation.at(rough_alignment(run))
+    trial = without(without(run.trial, "main", 100.0, 110.0), "sub", 200.0, 215.0)
+    whole = gaps.rejoined(observe(gaps.integrated(trial), at), at.R_ref, np.full(3, ARCMIN))
+    z = whole.z[np.isfinite(whole.z[:, 0])]
+    assert np.abs(np.diff(z, axis=0)).max() < 5.0 * ARCMIN
+    total = quaternions.log(whole.total(np.zeros((len(whole.dt), 3)), np.zeros(len(whole.dt))))
+    expected = (Rotation.from_rotvec(whole.z[-1]) * Rotation.from_matrix(at.R_ref)).as_rotvec()
+    assert np.allclose(total[whole.index[-1]], expected, atol=1e-9)
 
 
 def test_as_printed_it_cannot_work(run, found):
