@@ -31,9 +31,9 @@ class Idam:
     """24-state Rodrigues model in inertial frames with model prediction and a maximum-correntropy update (IDAM).
 
     mpf, mce: switch model prediction and correntropy. mpf_weight: A of (40) in units of Q^-1, ill advised below 100
-    because the update uses the same measurement again. kernel_width: sigma_k. velocity_noise: m/s, of the velocity match at a
-    perfectly known lever arm. as_printed: A = Q^-1, model prediction blind to outliers, kernel and covariance (51)-(53)
-    as printed.
+    because the update uses the same measurement again. kernel_width: sigma_k. velocity_noise: m/s, of the velocity
+    match at a perfectly known lever arm. as_printed: A = Q^-1, model prediction blind to outliers, kernel and
+    covariance (51)-(53) as printed, which break down with a DataError.
     """
 
     name: ClassVar[str] = "idam"

@@ -9,7 +9,7 @@ import numpy as np
 from physics import quaternions
 from physics.units import ARCMIN
 from schemas.errors import DataError
-from schemas.products import Alignment, FlexureModel
+from schemas.products import Alignment, BoolArray, FlexureModel
 from schemas.rig import FloatArray, Rig
 from stages.estimate import tuning
 from stages.estimate.rodrigues import kernel
@@ -111,12 +111,19 @@ def run(data: Matching, flexure: FlexureModel, given: Setup, tuned: Tuning) -> F
         data.jump, data.lever_block, flexure.damping, flexure.stiffness, given.q, given.R, given.x0, given.P0,
         tuned.mpf_weight, tuned.kernel_width, FLOOR_PRINTED if tuned.printed else FLOOR, tuned.printed,
     )  # fmt: skip
-    lost = ~np.isfinite(covariance).all(axis=(1, 2)) | ~np.isfinite(kept).all(axis=1)
+    lost = _lost(kept, covariance, variance)
     if lost.any():
         raise DataError(
             "the 24-state filter broke down: its covariance is no longer one", time_s=data.t[np.argmax(lost)]
         )
     return Filtered(total(data, kept), kept[:, 6:], covariance, innovation, variance, x, P)
+
+
+def _lost(kept: FloatArray, covariance: FloatArray, variance: FloatArray) -> BoolArray:
+    """(n,) samples with a state that is no number or a variance that is none; variance NaN: not measured."""
+    own = np.diagonal(covariance, axis1=1, axis2=2)
+    sound = np.isfinite(kept).all(axis=1) & np.isfinite(own).all(axis=1) & (own >= 0.0).all(axis=1)
+    return np.asarray(~sound | (variance <= 0.0).any(axis=1))
 
 
 def total(data: Matching, kept: FloatArray) -> FloatArray:

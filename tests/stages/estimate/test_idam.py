@@ -146,6 +146,13 @@ def test_a_filter_that_breaks_down_says_when(trial):
         run(data, trial.flexure, given, tuned[1])
 
 
+@pytest.mark.parametrize("mpf", [True, False])
+def test_printed_update_breaks_down_and_says_so(trial, mpf):
+    """(51) is not symmetric and (53) shuts measurements out while the innovation's variance exceeds R."""
+    with pytest.raises(DataError, match="broke down"):
+        Idam(as_printed=True, mpf=mpf).estimate(trial.simulation.trial, trial.alignment, trial.flexure)
+
+
 @pytest.mark.slow
 def test_budget_of_the_published_simulation():
     """Means over 5 seeds of 600 s, flexure identified, at most 0.6 0.6 1.5 arcmin; within twice that with outliers."""
