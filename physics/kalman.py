@@ -190,6 +190,7 @@ def _backward(
     nu: FloatArray,
     S: FloatArray,
     gain: FloatArray,
+    stride: int,
 ) -> tuple[FloatArray, FloatArray]:
     steps, m = nu.shape
     n = xs.shape[1]
@@ -208,13 +209,16 @@ def _backward(
             for j in range(n):
                 value -= P_out[k, a, j] * adjoint[j]
             x_s[k, a] = value
-        PL[:] = P_out[k] @ information
-        for a in range(o):
-            for b in range(o):
-                value = P_out[k, a, out[b]]
-                for j in range(n):
-                    value -= PL[a, j] * P_out[k, b, j]
-                P_s[k, a, b] = value
+        if k % stride == 0 or k == steps - 1:
+            PL[:] = P_out[k] @ information
+            for a in range(o):
+                for b in range(o):
+                    value = P_out[k, a, out[b]]
+                    for j in range(n):
+                        value -= PL[a, j] * P_out[k, b, j]
+                    P_s[k, a, b] = value
+        else:
+            P_s[k] = P_s[k + 1]
         for i in range(m - 1, -1, -1):
             if np.isnan(nu[k, i]):
                 continue
@@ -259,14 +263,15 @@ def run_filter(model: SparseModel, out: IndexArray, keep: bool = True) -> Filter
     return Filtered(out, x, P_out, innovation, S, gain, P_last, log_likelihood)
 
 
-def run_smoother(model: SparseModel, filtered: Filtered) -> Smoothed:
+def run_smoother(model: SparseModel, filtered: Filtered, stride: int = 1) -> Smoothed:
     """Smooth what :func:`run_filter` kept: means and covariances of the states ``filtered.out`` given all data.
 
-    The states should be chosen so that no nearly noise-free measurement is a difference of widely uncertain ones:
-    ``P - P Lambda P`` would lose its digits.
+    stride: covariances are computed at every so many steps and held in between. The states should be chosen so that no
+    nearly noise-free measurement is a difference of widely uncertain ones: ``P - P Lambda P`` would lose its digits.
     """
     x, P = _backward(
         model.transition_row, model.transition_col, model.transition, model.measurement_col, model.measurement,
         filtered.out, filtered.x, filtered.P_out, filtered.innovation, filtered.innovation_variance, filtered.gain,
+        stride,
     )  # fmt: skip
     return Smoothed(x, P)

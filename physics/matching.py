@@ -123,6 +123,11 @@ def _integrate(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[Floa
         sx = dv[0] + (phi_old[1] * dv[2] - phi_old[2] * dv[1] + dv_old[1] * phi[2] - dv_old[2] * phi[1]) / 12.0
         sy = dv[1] + (phi_old[2] * dv[0] - phi_old[0] * dv[2] + dv_old[2] * phi[0] - dv_old[0] * phi[2]) / 12.0
         sz = dv[2] + (phi_old[0] * dv[1] - phi_old[1] * dv[0] + dv_old[0] * phi[1] - dv_old[1] * phi[0]) / 12.0
+        # And for the turning itself: half the rotation leaves phi x (phi x dv) / 24 of it.
+        cx, cy, cz = phi[1] * dv[2] - phi[2] * dv[1], phi[2] * dv[0] - phi[0] * dv[2], phi[0] * dv[1] - phi[1] * dv[0]
+        sx += (phi[1] * cz - phi[2] * cy) / 24.0
+        sy += (phi[2] * cx - phi[0] * cz) / 24.0
+        sz += (phi[0] * cy - phi[1] * cx) / 24.0
         bx, by, bz, bw = _exp_quaternion(0.5 * phi[0], 0.5 * phi[1], 0.5 * phi[2])
         _multiply(q, bx, by, bz, bw, half)
         vx, vy, vz = _rotate(half, sx, sy, sz)

@@ -3,7 +3,8 @@
 Model per axis: ``theta'' + 2 mu theta' + b^2 theta = w`` with PSD of w ``q = 4 mu b^2 sigma^2``, seen through
 increments ``theta[k] - theta[k-1]`` over the sampling interval T, plus white increments of variance ``N^2 T`` (angle
 random walk of the gyros). The spectrum of the sampled process is exact, aliasing included: with
-``R(n) = sum c_i p_i^|n|``, ``p_i = exp(s_i T)``, it is ``sum c_i (1 - p_i^2) / (1 - 2 p_i cos w + p_i^2)``, for any damping.
+``R(n) = sum c_i p_i^|n|``, ``p_i = exp(s_i T)``, it is ``sum c_i (1 - p_i^2) / (1 - 2 p_i cos w + p_i^2)``, at any
+damping.
 """
 
 from __future__ import annotations
@@ -142,10 +143,9 @@ def _starts(data: Periodogram, total: float, T: float, noise_prior: float) -> li
     above = max(total - floor, 1e-4 * total)
     levels = [(noise_prior, total), (max(noisy, noise_prior), above)]
     return [
-        np.log(np.array([b * ratio, b * b, np.sqrt(variance) / (b * T), noise]))
+        np.log(np.array([0.6 * b, b * b, np.sqrt(variance) / (b * T), noise]))
         for noise, variance in levels
         for b in (0.1, 0.5)
-        for ratio in (1.0, 0.3)
     ]
 
 

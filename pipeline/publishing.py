@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -75,9 +76,14 @@ def _write_all(
 ) -> dict[str, str]:
     """Every file under a temporary name first; all of them appear at once, or none."""
     with staged(list(files.values())) as temporary:
-        for (kind, target), path in zip(files.items(), temporary, strict=True):
+
+        def write(kind: str, target: Path, path: Path) -> None:
             with writing(target, path):
                 writers[kind](path)
+
+        with ThreadPoolExecutor(2) as pool:  # the log and the recording beside each other
+            for _ in pool.map(write, files.keys(), files.values(), temporary):
+                pass
         also = others()
     return {kind: str(path) for kind, path in files.items()} | also
 

@@ -20,7 +20,7 @@ from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial
 
 STEP_S = 0.2  # s: z is free of noise at each instant, so a few hertz carry all there is
-LONG_RECORD_S = 4 * 3600.0  # s: beyond it the step is doubled, so that memory stays bounded
+LONG_RECORD_S = 3700.0  # s: beyond it the step is doubled, which halves time and memory
 SHORTEST_S = 10.0  # s
 SPIKE_SIGMA = 12.0  # of the local spread of second differences
 SPIKE_WINDOW = 101  # samples
@@ -147,13 +147,14 @@ def _spikes(values: FloatArray) -> BoolArray:
     if len(values) < SPIKE_WINDOW:
         return np.zeros(len(values), bool)
     bend = np.zeros_like(values)
-    bend[2:-2] = values[2:-2] - 0.25 * (values[:-4] + values[1:-3] + values[3:-1] + values[4:])
+    # Against the cubic through the four neighbours: waves and slamming pass, a single sample that stands out does not.
+    bend[2:-2] = values[2:-2] - (4.0 * (values[1:-3] + values[3:-1]) - values[:-4] - values[4:]) / 6.0
     blocks = np.abs(bend[: len(bend) // SPIKE_WINDOW * SPIKE_WINDOW]).reshape(-1, SPIKE_WINDOW, values.shape[1])
     local = 1.4826 * np.median(blocks, axis=1)
     spread = np.repeat(np.maximum(local, np.median(local, axis=0)), SPIKE_WINDOW, axis=0)
     spread = np.concatenate([spread, np.repeat(spread[-1:], len(values) - len(spread), axis=0)])
     high = np.abs(bend) > SPIKE_SIGMA * spread + 1e-12
-    # A spike leaks a quarter of its height into its neighbours' bends; only the peaks are spikes.
+    # A spike leaks two thirds of its height into its neighbours' bends; only the peaks are spikes.
     found = np.zeros(len(values), bool)
     for k, axis in np.argwhere(high):
         found[k] |= abs(bend[k, axis]) >= np.abs(bend[max(k - 2, 0) : k + 3, axis]).max()
@@ -164,12 +165,13 @@ def clean_unit(series: ImuSeries, epoch: int) -> tuple[matching.Unit, int]:
     """A unit without gaps and spikes: both are bridged and marked as filled."""
     t = np.asarray((series.stamp - epoch) * 1e-9, dtype=float)
     gyro, accel = series.gyro, series.accel
-    if series.instantaneous:
-        gyro, accel = matching.interval_means(gyro), matching.interval_means(accel)
     bad = _spikes(gyro) | _spikes(accel)
     bad[[0, -1]] = False
     keep = ~bad
     unit = matching.bridge(t[keep], gyro[keep], accel[keep])
+    if series.instantaneous:
+        means = matching.interval_means(unit.gyro), matching.interval_means(unit.accel)
+        unit = matching.Unit(unit.t, *means, unit.filled)
     return unit, int(bad.sum())
 
 
@@ -179,27 +181,47 @@ def pair(trial: Trial, alignment: Alignment | None = None) -> Paired:
     sub, spikes_sub = clean_unit(trial.sub, trial.epoch)
     if alignment is not None:
         delay = float(alignment.time_delay.value)
-        main, sub = (
-            _carried(main, sub, alignment.rotation, delay),
-            _carried(sub, main, alignment.rotation.T, -delay),
-        )
+        main = _carried(main, sub, alignment.rotation, delay, ~sub.filled)
+        # Where both have a gap the sub follows the bridged main, so that the angle between them is held.
+        sub = _carried(sub, main, alignment.rotation.T, -delay, np.ones(len(main.t), bool))
     return Paired(main, sub, matching.strapdown(main), matching.strapdown(sub), (spikes_main, spikes_sub))
 
 
-def _carried(unit: matching.Unit, other: matching.Unit, turn: FloatArray, delay: float) -> matching.Unit:
-    """The unit with its bridged samples taken from the other one, which saw the instant t at its stamp t + delay."""
+def _carried(
+    unit: matching.Unit, other: matching.Unit, turn: FloatArray, delay: float, usable: BoolArray
+) -> matching.Unit:
+    """The unit with its long gaps taken from the other one, which saw the instant t at its stamp t + delay.
+
+    usable: which samples of the other one may serve. The mean difference of the rates, its bias, is added.
+    """
     at = unit.t[unit.filled] + delay
     inside = (at >= other.t[0]) & (at <= other.t[-1])
     k = np.clip(np.searchsorted(other.t, at), 0, len(other.t) - 1)
-    usable = inside & ~other.filled[k] & _in_long_gap(unit)
-    rows = np.flatnonzero(unit.filled)[usable]
+    taken = inside & usable[k] & _in_long_gap(unit)
+    rows = np.flatnonzero(unit.filled)[taken]
     if not len(rows):
         return unit
     gyro, accel = unit.gyro.copy(), unit.accel.copy()
-    for target, source in ((gyro, other.gyro), (accel, other.accel)):
-        seen = np.stack([np.interp(at[usable], other.t, column) for column in source.T], axis=1)
-        target[rows] = seen @ turn.T
+    bias = _rate_difference(unit, other, turn, delay, usable)
+    for target, source, offset in ((gyro, other.gyro, bias), (accel, other.accel, np.zeros(3))):
+        target[rows] = _seen_at(source, other.t, at[taken]) @ turn.T + offset
     return matching.Unit(unit.t, gyro, accel, unit.filled)
+
+
+def _seen_at(values: FloatArray, t: FloatArray, at: FloatArray) -> FloatArray:
+    return np.stack([np.interp(at, t, column) for column in values.T], axis=1)
+
+
+def _rate_difference(
+    unit: matching.Unit, other: matching.Unit, turn: FloatArray, delay: float, usable: BoolArray
+) -> FloatArray:
+    """Mean (3,) of the unit's rate less the other one's, turned, where both measured: how far their biases differ."""
+    at = unit.t + delay
+    k = np.clip(np.searchsorted(other.t, at), 0, len(other.t) - 1)
+    both = ~unit.filled & usable[k] & ~other.filled[k] & (at >= other.t[0]) & (at <= other.t[-1])
+    if not both.any():
+        return np.zeros(3)
+    return np.asarray((unit.gyro[both] - _seen_at(other.gyro, other.t, at[both]) @ turn.T).mean(axis=0))
 
 
 def _in_long_gap(unit: matching.Unit) -> BoolArray:

@@ -18,13 +18,15 @@ States (rad, m, s; m-axes unless said)::
     n, n before     displacement, now and a step ago, by  white, m: flexure moves the lever arm only below some
                     which the lever arm lags flexure      frequency, and what is missing is displacement, not velocity
     M               errors of the gyro difference's scale constant, (3, 3) row-major
+    step of d       change of d within the step           restarted at each step: zeta's change holds it,
+                                                          theta's does not
 
 The attitudes show ``zeta = theta + Phi + A_m^T d - omega_s delay``, free of noise but for rounding. It takes theta's
 place as a state, so that this measurement is of one state and not a small difference of uncertain ones; theta's
 dynamics are written in it. The second measurement is the mean relative velocity u. With zeta in hand u needs neither
-theta' nor any derivative: ``u - B dz/dt - omega x B z = A_m^T V + omega x r - f delay + ...``. Slow bending moves the lever arm as
-fast bending does, so Phi stays in z there; its constant part is absorbed by r. What flexure moves the lever arm by
-beyond that model is the noise of u.
+theta' nor any derivative: ``u - B dz/dt - omega x B z = A_m^T V + omega x r - f delay + ...``. Slow
+bending moves the lever arm as fast bending does, so Phi stays in z there; its constant part is absorbed by r. What
+flexure moves the lever arm by beyond that model is the noise of u.
 """
 
 from __future__ import annotations
@@ -42,9 +44,9 @@ from stages.paired import CARRIED_GAP_S, Observations
 
 ZETA, THETA_DOT, PHI, PHI_DOT = 0, 3, 6, 9
 D, EPS, DELAY, DRIFT = 12, 15, 18, 19
-V, NABLA, R, B, M, JITTER, JITTER_BEFORE, KAPPA = 20, 23, 26, 29, 38, 47, 50, 53
-SIZE = 56
-ROW = 38  # entries of a row of H, at most
+V, NABLA, R, B, M, JITTER, JITTER_BEFORE, KAPPA, STEP_D = 20, 23, 26, 29, 38, 47, 50, 53, 56
+SIZE = 59
+ROW = 29  # entries of a row of H, at most
 GAP_ANGLE = 5e-3  # rad, one sigma of a gap of 1 s and more
 GAP_JERK = 0.02  # rad/s^3: what a straight line misses of a lively ship's rate in a short gap
 Z_NOISE = 1e-7  # rad (0.0004 arcmin): rounding, interpolation and linearisation of z
@@ -102,7 +104,7 @@ def _prior(obs: Observations, noise: Noise) -> FloatArray:
         noise.std, rate, noise.phi_prior * ones, creep, noise.drift_prior * ones, noise.gyro_bias_prior * ones,
         [noise.delay_prior, noise.clock_prior], 10.0 * ones, noise.accel_bias_prior * ones, noise.lever_prior * ones,
         noise.coupling_prior * np.ones(9), noise.scale_prior.ravel(), noise.jitter, noise.jitter,
-        noise.kappa_prior * ones,
+        noise.kappa_prior * ones, 0.0 * ones,
     ])  # fmt: skip
     T = zeta_map(obs)  # from theta in the first place to zeta
     return np.asarray(T @ np.diag(sigma**2) @ T.T)
@@ -161,6 +163,10 @@ def _transition(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, Fl
     if noise.use_velocity:
         E.block(V, D, -skew(obs.force_i) * obs.dt[:, None, None])
         E.block(V, NABLA, obs.A_integral)
+        E.block(STEP_D, EPS, obs.A_integral)
+        _scale_rows(E, STEP_D, obs.A_integral, obs.omega)
+        for axis in range(3):
+            E.add(STEP_D + axis, STEP_D + axis, -1.0)
         for axis in range(3):
             E.add(JITTER + axis, JITTER + axis, -1.0)
             E.add(JITTER_BEFORE + axis, JITTER_BEFORE + axis, -1.0)
@@ -226,6 +232,11 @@ def _process(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, Float
             if other >= axis:
                 Q.add(ZETA + axis, ZETA + other, shown[:, axis, other])
                 Q.add(D + axis, D + other, drift[:, axis, other])
+            if noise.use_velocity:
+                Q.add(ZETA + axis, STEP_D + other, seen[:, axis, other])
+                Q.add(D + axis, STEP_D + other, drift[:, axis, other])
+                if other >= axis:
+                    Q.add(STEP_D + axis, STEP_D + other, drift[:, axis, other])
     return Q.arrays()
 
 
@@ -279,6 +290,7 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
     A_mid_T = np.swapaxes(obs.A_mid, 1, 2)
     dt = np.maximum(obs.dt, 1e-9)[:, None, None]
     turning = skew(obs.omega)
+    on_step = -coupling @ np.swapaxes(obs.A_start, 1, 2) / dt
     A_change = np.swapaxes(obs.A_end - obs.A_start, 1, 2) / dt
     on_d = A_mid_T @ skew(obs.force_i) * (0.5 * dt) - coupling @ A_change - turning @ coupling @ A_mid_T
     # A delay shifts the sub's whole velocity; its share from turning and bending is what zeta's own shift predicts.
@@ -287,8 +299,8 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
     for i in range(3):
         columns[3 + i] = [
             *range(V, V + 3), *range(D, D + 3), NABLA + i, *range(R, R + 3), DELAY, DRIFT,
-            *range(B, B + 9), JITTER + i, JITTER_BEFORE + i, *range(KAPPA, KAPPA + 3), *range(EPS, EPS + 3),
-            *range(M, M + 9),
+            *range(B, B + 9), JITTER + i, JITTER_BEFORE + i, *range(KAPPA, KAPPA + 3),
+            *range(STEP_D, STEP_D + 3),
         ]  # fmt: skip
         row = rows[:, 3 + i]
         row[:, 0:3] = A_mid_T[:, i]
@@ -301,7 +313,5 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
         row[:, 21] = 1.0 / dt[:, 0, 0]
         row[:, 22] = -1.0 / dt[:, 0, 0]
         row[:, 23:26] = (turning @ coupling)[:, i] * theta
-        # theta' is what zeta shows less what the gyros' errors add to it.
-        row[:, 26:29] = -coupling[i]
-        for a in range(3):
-            row[:, 29 + 3 * a : 32 + 3 * a] = -coupling[i, a] * obs.omega
+        # theta' is what zeta shows less what the gyros' errors, noise included, add to it within the step.
+        row[:, 26:29] = on_step[:, i]

@@ -24,6 +24,7 @@ from stages.estimate.solve import OUT, Solution, solve, total_rotation
 CHANNELS = (
     "attitude x", "attitude y", "attitude z", "relative velocity x", "relative velocity y", "relative velocity z",
 )  # fmt: skip
+WEAK_DELAY_S = 1e-3  # s, one sigma
 WEAK_SHARE = 0.7  # of the prior sigma: a parameter that kept more than this was not really seen
 
 
@@ -96,8 +97,14 @@ def _covariance(solution: Solution, P: FloatArray) -> FloatArray:
     J[:, :, :3] = -np.swapaxes(A_m, 1, 2)
     J[:, :, 3] = obs.rates()[obs.good]
     J[:, :, 4] = J[:, :, 3] * (t - 0.5 * (obs.t[0] + obs.t[-1]))[:, None]
-    full = J @ at_full_rate @ np.swapaxes(J, 1, 2)
+    full = J @ at_full_rate @ np.swapaxes(J, 1, 2) * _inflation(solution)
     return np.asarray(0.5 * (full + np.swapaxes(full, 1, 2)))
+
+
+def _inflation(solution: Solution) -> float:
+    """Mean square of the standardised attitude innovations where it exceeds one: what the model fails to explain."""
+    nis = solution.filtered.innovation[:, :3] ** 2 / solution.filtered.innovation_variance[:, :3]
+    return max(1.0, float(np.nanmean(nis)))
 
 
 def _parameters(trial: Trial, solution: Solution) -> dict[str, Estimate]:
@@ -113,8 +120,11 @@ def _parameters(trial: Trial, solution: Solution) -> dict[str, Estimate]:
         )
 
     delay = estimate(np.array([at.delay]), m.DELAY, 1, noise.delay_prior)
+    delay = replace(delay, value=delay.value[0], std=delay.std[0])
+    if delay.std > WEAK_DELAY_S:
+        delay = replace(delay, status=Status.WEAK, reason=f"too little motion: {1e3 * delay.std:.1f} ms are left open")
     found = {
-        "time_delay": replace(delay, value=delay.value[0], std=delay.std[0]),
+        "time_delay": delay,
         "clock_drift": estimate(np.array([at.drift]), m.DRIFT, 1, noise.clock_prior),
         "gyro_bias": estimate(at.R_ref @ at.gyro_bias, m.EPS, 3, noise.gyro_bias_prior),
         "gyro_noise": Estimate(noise.gyro, 0.0 * noise.gyro),

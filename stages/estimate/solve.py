@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from physics.kalman import Filtered, Smoothed, SparseModel, run_filter, run_smoother
 from physics.rotations import skew
+from physics.units import ARCMIN
 from schemas.products import Alignment, FlexureModel
 from schemas.rig import FloatArray
 from schemas.trial import Trial
@@ -23,10 +24,11 @@ from stages.estimate import tuning
 from stages.flexure_fit import fit_flexure
 from stages.paired import Linearisation, Observations, Paired, observe, pair
 
-PILOT_S = 1200.0  # s of record on which noise levels are found first
-PILOT_ROUNDS = 5
+COVARIANCE_STRIDE = 5  # steps: a second
+PILOT_S = 900.0  # s of record on which noise levels are found first
+PILOT_ROUNDS = 4
 LONG_S = 900.0  # s: shorter records cannot show quasi-static bending
-QUASI_STATIC = np.array([1e-5, 1e-4, 1e-3]) * np.pi / 10800.0  # rad/s^1.5, candidates
+QUASI_STATIC = 1e-4 * ARCMIN  # rad/s^1.5, that of 10 arcmin over some hours; a tenth and ten times are tried beside it
 ACCEL_FACTORS, VELOCITY_FACTORS = (1.0, 3.0, 10.0), (1.0, 5.0)  # on the accelerometers' noise, candidates
 CHOICE_NATS = 4.0  # by how much the likelihood must gain before a default is left
 DISAGREEMENT = 16.3  # chi-square with 3 degrees of freedom, 0.1 %
@@ -66,6 +68,7 @@ def solve(trial: Trial, alignment: Alignment, flexure: FlexureModel) -> Solution
     pilot = _piece(paired)
     job = Job(trial, alignment)
     at = Linearisation.at(alignment, trial.rig.lever_arm)
+    flexure = tuning.separable(flexure)
     noise = tuning.initial(alignment, flexure, trial.rig)
     for _ in range(PILOT_ROUNDS):
         at, noise, flexure = job.after(job.round(observe(pilot, at), at, noise, flexure))
@@ -117,7 +120,7 @@ class Job:
         noise = replace(noise, coupling_prior=tuning.COUPLING_SHARE * size)
         model = self.model(obs, at, noise)
         filtered = run_filter(model, OUT)
-        smoothed = _resolved(filtered, run_smoother(model, filtered))
+        smoothed = _resolved(filtered, run_smoother(model, filtered, COVARIANCE_STRIDE))
         solution = Solution(at, noise, obs, model, filtered, smoothed, flexure)
         if not identify:
             return solution
@@ -139,10 +142,15 @@ class Job:
         if obs.t[-1] - obs.t[0] < LONG_S:
             return noise
 
-        candidates = [0.0, *(float(q) for q in QUASI_STATIC)]
-        tried = [replace(solution.noise, quasi_static=q) for q in candidates]
-        gain = self.likelihoods(obs, solution.at, tried)
-        return replace(noise, quasi_static=candidates[int(np.argmax(gain - CHOICE_NATS * (np.array(candidates) > 0)))])
+        asked = self._densities(solution, [0.0, QUASI_STATIC])
+        if asked[QUASI_STATIC] < asked[0.0] + CHOICE_NATS:
+            return replace(noise, quasi_static=0.0)
+        asked |= self._densities(solution, [0.1 * QUASI_STATIC, 10.0 * QUASI_STATIC])
+        return replace(noise, quasi_static=max(asked, key=lambda density: asked[density]))
+
+    def _densities(self, solution: Solution, densities: list[float]) -> dict[float, float]:
+        tried = [replace(solution.noise, quasi_static=density) for density in densities]
+        return dict(zip(densities, self.likelihoods(solution.obs, solution.at, tried).tolist()))
 
     def accelerometers(self, obs: Observations, at: Linearisation, noise: m.Noise) -> m.Noise:
         """The level of the accelerometers' noise, white in velocity and in acceleration, that is most likely."""

@@ -35,6 +35,11 @@ CLIP, CLIPPED_MEAN = 3.0, 0.987  # sigma; mean of min(chi-square, 9) with one de
 PRIOR_WEIGHT = 1.0  # degrees of freedom of the grade's figure against the three biases found
 
 
+def separable(flexure: FlexureModel) -> FlexureModel:
+    """A model whose identifier could not tell the gyros' noise (zero) gets a fibre gyro's to begin with."""
+    return replace(flexure, gyro_noise=np.where(flexure.gyro_noise > 0.0, flexure.gyro_noise, FINE_GYRO))
+
+
 def grade(gyro_noise: FloatArray) -> float:
     """How much coarser than a fibre gyro the pair is, >= 1."""
     return float(max(np.median(gyro_noise) / FINE_GYRO, 1.0))
