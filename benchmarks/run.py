@@ -1,4 +1,4 @@
-"""The whole job on simulated logs of growing length: real-time factor and peak memory of ``deckflex run``, everything written.
+"""The whole job on simulated logs of growing length: real-time factor and peak memory of ``deckflex run``, all written.
 
     python -m benchmarks.run [--minutes 15 60 120] [--twin idam-ship] [--folder FOLDER]
 
