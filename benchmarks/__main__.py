@@ -1,4 +1,4 @@
-"""All benchmarks, one after the other: ``python -m benchmarks``; each prints ratios to peers measured in the same run."""
+"""All benchmarks in turn: ``python -m benchmarks``; each prints ratios to peers measured in the same run."""
 
 from __future__ import annotations
 

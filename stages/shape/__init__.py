@@ -7,16 +7,19 @@ and ``shape(trial, deformation) -> DeckShape``. To add one: a file here and a li
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import import_module
 from typing import Any, ClassVar, Protocol
 
 from schemas.products import DeckShape, Deformation
 from schemas.trial import Trial
+from stages.registry import Registry
 
-REGISTRY: dict[str, str] = {
-    "spline": "stages.shape.spline:SplineShape",
-    "wavelet-kalman": "stages.shape.wavelet_kalman:WaveletKalmanShape",
-}
+REGISTRY = Registry(
+    "deck-shape method",
+    {
+        "spline": "stages.shape.spline:SplineShape",
+        "wavelet-kalman": "stages.shape.wavelet_kalman:WaveletKalmanShape",
+    },
+)
 DEFAULT = "spline"
 
 
@@ -33,12 +36,9 @@ class ShapeMethod(Protocol):
 
 def names() -> tuple[str, ...]:
     """Names of the methods, the default first."""
-    return tuple(REGISTRY)
+    return REGISTRY.names
 
 
 def get(name: str) -> Any:
     """The class of that name; ValueError, with the names there are, when there is none."""
-    if name not in REGISTRY:
-        raise ValueError(f"no deck-shape method named {name!r}; there are: {', '.join(REGISTRY)}")
-    module, _, attribute = REGISTRY[name].partition(":")
-    return getattr(import_module(module), attribute)
+    return REGISTRY.get(name)
