@@ -216,7 +216,10 @@ def disagreement(solution: Solution, gyros: Solution) -> float:
     P = gyros.smoothed.P[middle, :3, :3] - solution.smoothed.P[middle, :3, :3]
     values, vectors = np.linalg.eigh(P)
     values = np.maximum(values, 0.05 * np.diag(gyros.smoothed.P[middle, :3, :3]).min())
-    return float(np.sum((vectors.T @ difference) ** 2 / values))
+    # Where the flexure is not what the model says, the gyros alone know less than they claim.
+    nis = gyros.filtered.innovation[:, :3] ** 2 / gyros.filtered.innovation_variance[:, :3]
+    doubt = max(1.0, float(np.nanmean(nis, axis=0).max()))
+    return float(np.sum((vectors.T @ difference) ** 2 / values)) / doubt
 
 
 def _exp(vector: FloatArray) -> FloatArray:
