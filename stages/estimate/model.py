@@ -18,6 +18,7 @@ States (rad, m, s; m-axes unless said)::
     n, n before     displacement, now and a step ago, by  white, m: flexure moves the lever arm only below some
                     which the lever arm lags flexure      frequency, and what is missing is displacement, not velocity
     M               errors of the gyro difference's scale constant, (3, 3) row-major
+    M main          those of the main gyro alone          constant: they reach u through omega x r
     step of d       change of d within the step           restarted at each step: zeta's change holds it,
                                                           theta's does not
 
@@ -44,9 +45,9 @@ from stages.paired import CARRIED_GAP_S, Observations
 
 ZETA, THETA_DOT, PHI, PHI_DOT = 0, 3, 6, 9
 D, EPS, DELAY, DRIFT = 12, 15, 18, 19
-V, NABLA, R, B, M, JITTER, JITTER_BEFORE, KAPPA, STEP_D = 20, 23, 26, 29, 38, 47, 50, 53, 56
-SIZE = 59
-ROW = 29  # entries of a row of H, at most
+V, NABLA, R, B, M, JITTER, JITTER_BEFORE, KAPPA, STEP_D, M_MAIN = 20, 23, 26, 29, 38, 47, 50, 53, 56, 59
+SIZE = 68
+ROW = 38  # entries of a row of H, at most
 GAP_ANGLE = 5e-3  # rad, one sigma of a gap of 1 s and more
 GAP_JERK = 0.02  # rad/s^3: what a straight line misses of a lively ship's rate in a short gap
 Z_NOISE = 1e-7  # rad (0.0004 arcmin): rounding, interpolation and linearisation of z
@@ -104,7 +105,7 @@ def _prior(obs: Observations, noise: Noise) -> FloatArray:
         noise.std, rate, noise.phi_prior * ones, creep, noise.drift_prior * ones, noise.gyro_bias_prior * ones,
         [noise.delay_prior, noise.clock_prior], 10.0 * ones, noise.accel_bias_prior * ones, noise.lever_prior * ones,
         noise.coupling_prior * np.ones(9), noise.scale_prior.ravel(), noise.jitter, noise.jitter,
-        noise.kappa_prior * ones, 0.0 * ones,
+        noise.kappa_prior * ones, 0.0 * ones, noise.scale_prior.ravel(),
     ])  # fmt: skip
     T = zeta_map(obs)  # from theta in the first place to zeta
     return np.asarray(T @ np.diag(sigma**2) @ T.T)
@@ -300,7 +301,7 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
         columns[3 + i] = [
             *range(V, V + 3), *range(D, D + 3), NABLA + i, *range(R, R + 3), DELAY, DRIFT,
             *range(B, B + 9), JITTER + i, JITTER_BEFORE + i, *range(KAPPA, KAPPA + 3),
-            *range(STEP_D, STEP_D + 3),
+            *range(STEP_D, STEP_D + 3), *range(M_MAIN, M_MAIN + 9),
         ]  # fmt: skip
         row = rows[:, 3 + i]
         row[:, 0:3] = A_mid_T[:, i]
@@ -315,3 +316,5 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
         row[:, 23:26] = (turning @ coupling)[:, i] * theta
         # theta' is what zeta shows less what the gyros' errors, noise included, add to it within the step.
         row[:, 26:29] = on_step[:, i]
+        for a in range(3):
+            row[:, 29 + 3 * a : 32 + 3 * a] = -coupling[i, a] * obs.omega
