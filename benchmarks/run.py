@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-COMMAND = [sys.executable, "-m", "pipeline.cli"]
+COMMAND = [sys.executable, "-c", "from pipeline.cli import main; main()"]
 
 
 def timed(arguments: list[str]) -> tuple[float, float, float]:
