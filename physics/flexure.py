@@ -105,3 +105,15 @@ def cholesky(covariance: FloatArray) -> FloatArray:
     b = np.divide(covariance[..., 1, 0], a, out=np.zeros_like(a), where=a > 0.0)
     c = np.sqrt(np.maximum(covariance[..., 1, 1] - b * b, 0.0))
     return np.stack([np.stack([a, np.zeros_like(a)], axis=-1), np.stack([b, c], axis=-1)], axis=-2)
+
+
+def driven(damping: float, stiffness: float, step: float, moment: FloatArray) -> FloatArray:
+    """theta (n,) of an axis at rest at first, under an angular acceleration (n,) held over each even step (s)."""
+    from scipy.signal import lfilter
+
+    f = transition(damping, stiffness, np.array(step))
+    rest = np.linalg.solve(np.array([[0.0, 1.0], [-stiffness, -2.0 * damping]]), (f - np.eye(2)) @ np.array([0.0, 1.0]))
+    # (I - f B) x = rest B w, B the step back: theta's share as a rational filter.
+    numerator = [0.0, rest[0], f[0, 1] * rest[1] - f[1, 1] * rest[0]]
+    denominator = [1.0, -np.trace(f), np.linalg.det(f)]
+    return np.asarray(lfilter(numerator, denominator, moment))

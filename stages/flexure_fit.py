@@ -15,6 +15,7 @@ GYRO_NOISE = 1.4e-3 * DEG_PER_SQRT_HOUR  # of the difference of two fibre gyros;
 GYRO_NOISE_SPREAD = 2.5  # natural-log sigma of that prior where the rig states nothing
 GYRO_NOISE_STATED_SPREAD = 0.1  # and where it does
 HOLE_S = 0.15  # s, longest bridged stretch that is taken as measured
+BAND_HZ = 6.0  # fitted up to here, or to an eighth of the rate: interpolation between samples dulls what is faster
 BAD_MISFIT = 0.5  # share of the power of some octave
 SHORT_RECORD = 20.0  # correlation times
 WEAK_SIGMA = 0.35  # standard error of ln sigma
@@ -61,10 +62,11 @@ def _fit_axis(
     data: whittle.Periodogram, T: float, centre: float, spread: float, start: tuple[float, float, float, float] | None
 ) -> whittle.WhittleFit:
     """From the last model if there is one; anew if that leaves an octave badly explained."""
-    fit = whittle.fit(data, T, noise_prior=centre, noise_spread=spread, start=start)
+    band = (data.omega <= max(2.0 * np.pi * BAND_HZ * T, 0.25 * np.pi)).astype(float)
+    fit = whittle.fit(data, T, noise_prior=centre, noise_spread=spread, weight=band, start=start)
     if start is None or abs(fit.misfit) < BAD_MISFIT:
         return fit
-    anew = whittle.fit(data, T, noise_prior=centre, noise_spread=spread)
+    anew = whittle.fit(data, T, noise_prior=centre, noise_spread=spread, weight=band)
     return max(fit, anew, key=lambda found: found.log_likelihood)
 
 

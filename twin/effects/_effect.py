@@ -16,6 +16,7 @@ from twin.effects._parameters import Parameter
 if TYPE_CHECKING:
     from schemas.trial import ImuSeries
     from twin.config import Twin
+    from twin.effects._prediction import Column, LogView
     from twin.scene import Scene
 
 FloatArray = NDArray[np.float64]
@@ -86,6 +87,12 @@ class Effect(BaseModel):
         if severities and not set(severities) & self.model_fields_set:
             raise ValueError(f"states none of its parameters {', '.join(severities)}")
         return self
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """What a unit of each parameter adds to the signals of a log, to first order; nothing for effects that change
+        statistics and not means. What else shapes the effect (a period, a time) are keyword arguments with defaults."""
+        return ()
 
     def twin(self, twin: Twin) -> Twin:
         """The twin with parameters changed."""

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
+from physics.units import MICRO_G
 from twin.effects._change import added, sub_imu
 from twin.effects._effect import ACCELEROMETERS, PerAxis
-from twin.effects._parameters import parameter
+from twin.effects._parameters import AXES, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.config import Twin
@@ -27,3 +31,9 @@ class AccelBias(PerAxis):
     def twin(self, twin: Twin) -> Twin:
         """Bias = the twin's + b."""
         return sub_imu(twin, accel_bias_ug=added(twin.imu.sub.accel_bias_ug, self.size()))
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """A constant force on each axis, per micro-g."""
+        one = np.full(len(view.t), MICRO_G)
+        return tuple(Column(name, Signals(accel=on_axis(axis, one))) for axis, name in enumerate(AXES))

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from physics.units import PPM
 from twin.effects._effect import ACCELEROMETERS, LookAlike, PerAxis
-from twin.effects._parameters import parameter
+from twin.effects._parameters import AXES, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.scene import Scene
@@ -35,3 +36,10 @@ class AccelScaleFactor(PerAxis):
     def accel(self, unit: str, t: FloatArray, accel: FloatArray, scene: Scene, rng: np.random.Generator) -> FloatArray:
         """f (1 + s)."""
         return accel * (1.0 + self.size(PPM)) if unit == "sub" else accel
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """The force of each axis, per ppm."""
+        return tuple(
+            Column(name, Signals(accel=on_axis(axis, PPM * view.force_s[:, axis]))) for axis, name in enumerate(AXES)
+        )

@@ -11,6 +11,7 @@ from scipy.special import ndtr
 from physics.units import ARCMIN
 from twin.effects._effect import Effect
 from twin.effects._parameters import parameter
+from twin.effects._prediction import Column, LogView, Signals
 
 if TYPE_CHECKING:
     from twin.scene import Scene
@@ -45,6 +46,15 @@ class AmplitudeStiffening(Effect):
             start = stationary(path[0], std, gain) - path[0]
             out[:, axis] += stiffening_excess(t, path, damping, stiffness, gain, start)
         return out
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """The answer d to the lacking restoring moment, d'' + 2 mu d' + b^2 d = -b^2 theta^3, per 1/arcmin^2."""
+        from physics.flexure import driven
+
+        moment = -view.stiffness * view.theta**3 / ARCMIN**2
+        answer = [driven(mu, b2, view.interval, w) for mu, b2, w in zip(view.damping, view.stiffness, moment.T)]
+        return (Column("gain", Signals(bending=np.stack(answer, axis=1))),)
 
 
 def stationary(theta: float, std: float, gain: float) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from physics.units import PPM
 from twin.effects._effect import Effect
 from twin.effects._parameters import parameter
+from twin.effects._prediction import Column, LogView, Signals
 
 FloatArray = NDArray[np.float64]
 
@@ -26,3 +27,9 @@ class ClockDrift(Effect):
     def sub_clock(self, t: FloatArray) -> FloatArray:
         """True time at the clock's time t; both agree at the start."""
         return t / (1.0 + self.drift * PPM) if self.drift else t
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """A delay that grows from 0 at the start, per ppm."""
+        delay = PPM * view.t[:, None]
+        return (Column("drift", Signals(gyro=-delay * view.omega_dot_s, accel=-delay * view.jerk_s)),)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
+from physics.units import DEG_PER_HOUR
 from twin.effects._change import added, sub_imu
 from twin.effects._effect import LookAlike, PerAxis
-from twin.effects._parameters import parameter
+from twin.effects._parameters import AXES, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.config import Twin
@@ -32,3 +36,9 @@ class GyroBias(PerAxis):
     def twin(self, twin: Twin) -> Twin:
         """Bias = the twin's + b."""
         return sub_imu(twin, gyro_bias_dph=added(twin.imu.sub.gyro_bias_dph, self.size()))
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """A constant rate on each axis, per deg/h."""
+        one = np.full(len(view.t), DEG_PER_HOUR)
+        return tuple(Column(name, Signals(gyro=on_axis(axis, one))) for axis, name in enumerate(AXES))

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from physics.units import DEG_PER_HOUR, STANDARD_GRAVITY
 from twin.effects._effect import ACCELEROMETERS, GYROS, LookAlike, PerAxis
-from twin.effects._parameters import parameter
+from twin.effects._parameters import AXES, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.scene import Scene
@@ -39,3 +40,11 @@ class GyroGSensitivity(PerAxis):
         if unit != "sub":
             return gyro
         return gyro + accel * self.size(DEG_PER_HOUR / STANDARD_GRAVITY)
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """The force of each axis in its own rate, per deg/h/g."""
+        unit = DEG_PER_HOUR / STANDARD_GRAVITY
+        return tuple(
+            Column(name, Signals(gyro=on_axis(axis, unit * view.force_s[:, axis]))) for axis, name in enumerate(AXES)
+        )

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from physics.units import ARCSEC
 from twin.effects._change import added, sub_imu
 from twin.effects._effect import Effect, LookAlike
-from twin.effects._parameters import parameter
+from twin.effects._parameters import AXES, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.config import Twin
@@ -44,3 +46,12 @@ class GyroNonorthogonality(Effect):
         """Non-orthogonality = the twin's + n."""
         skew = (self.xy, self.xz, self.yx, self.yz, self.zx, self.zy)
         return sub_imu(twin, gyro_nonorthogonality_arcsec=added(twin.imu.sub.gyro_nonorthogonality_arcsec, skew))
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """The rate of one axis seen on another, per arcsec."""
+        pairs = ((seen, rate) for seen in range(3) for rate in range(3) if seen != rate)
+        return tuple(
+            Column(AXES[seen] + AXES[rate], Signals(gyro=on_axis(seen, ARCSEC * view.omega_s[:, rate])))
+            for seen, rate in pairs
+        )

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from physics.units import PPM
 from twin.effects._change import added, sub_imu
 from twin.effects._effect import PerAxis
-from twin.effects._parameters import parameter
+from twin.effects._parameters import AXES, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.config import Twin
@@ -26,3 +28,10 @@ class GyroScaleFactor(PerAxis):
     def twin(self, twin: Twin) -> Twin:
         """Scale = the twin's + s."""
         return sub_imu(twin, gyro_scale_ppm=added(twin.imu.sub.gyro_scale_ppm, self.size()))
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """The rate of each axis, per ppm."""
+        return tuple(
+            Column(name, Signals(gyro=on_axis(axis, PPM * view.omega_s[:, axis]))) for axis, name in enumerate(AXES)
+        )

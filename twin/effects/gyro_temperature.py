@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from physics.units import DEG_PER_HOUR
 from twin.effects._effect import GYROS, TEMPERATURE, Effect
-from twin.effects._parameters import Vector, parameter
+from twin.effects._parameters import AXES, Vector, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.scene import Scene
@@ -35,3 +36,11 @@ class GyroTemperature(Effect):
             return gyro
         warmth = scene.temperature("sub", t) - REFERENCE
         return gyro + np.outer(warmth, np.array(self.slope) * DEG_PER_HOUR)
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """A rate in proportion to the temperature's difference from 20 deg C, per deg/h/K; nothing without one."""
+        if view.temperature_sub is None:
+            return ()
+        warmth = DEG_PER_HOUR * (view.temperature_sub - REFERENCE)
+        return tuple(Column(f"slope.{name}", Signals(gyro=on_axis(axis, warmth))) for axis, name in enumerate(AXES))

@@ -11,7 +11,8 @@ from scipy.signal import lfilter
 
 from physics.units import ARCMIN
 from twin.effects._effect import PerAxis
-from twin.effects._parameters import parameter
+from twin.effects._parameters import AXES, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.scene import Scene
@@ -42,6 +43,12 @@ class HeelBending(PerAxis):
         grid = np.arange(t[0], t[-1] + 3.0 * STEP, STEP)
         lagged = lag(scene.specific_force(grid)[:, 0], STEP, LAG)
         return theta + np.outer(CubicSpline(grid, lagged)(t), self.size(ARCMIN))
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """Bending that follows the lagged lateral force, per arcmin/(m/s^2) about each axis."""
+        lagged = ARCMIN * lag(view.force_m[:, 0], view.interval, LAG)
+        return tuple(Column(name, Signals(bending=on_axis(axis, lagged))) for axis, name in enumerate(AXES))
 
 
 def lag(force: FloatArray, step: float, constant: float) -> FloatArray:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from physics.units import ARCMIN
 from twin.effects._effect import PerAxis
-from twin.effects._parameters import parameter
+from twin.effects._parameters import AXES, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.scene import Scene
@@ -33,3 +34,11 @@ class MisalignmentStep(PerAxis):
     def mount(self, t: FloatArray, phi: FloatArray, scene: Scene) -> FloatArray:
         """Phi + e where t > time; the lever arm stays."""
         return phi + np.outer(t > self.time, self.size(ARCMIN))
+
+    @classmethod
+    def predict(cls, view: LogView, *, time: float = 0.0) -> tuple[Column, ...]:
+        """An angle from a time on, per arcmin about each m-axis."""
+        after = ARCMIN * (view.t > time).astype(np.float64)
+        return tuple(
+            Column(name, Signals(mount=on_axis(axis, after)), {"time": time}) for axis, name in enumerate(AXES)
+        )

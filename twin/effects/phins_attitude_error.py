@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from physics import quaternions
 from physics.units import ARCMIN
 from twin.effects._effect import GYROS, PHINS, PerAxis
-from twin.effects._parameters import parameter
+from twin.effects._parameters import AXES, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.scene import Scene
@@ -41,3 +42,11 @@ class PhinsAttitudeError(PerAxis):
         error = np.outer(np.sin(2.0 * np.pi * t / self.period), self.size(ARCMIN))
         turned = quaternions.rotate(quaternions.from_euler(heading, pitch, roll), error)
         return quaternions.multiply(quaternions.exp(turned), attitude)
+
+    @classmethod
+    def predict(cls, view: LogView, *, period: float = 300.0) -> tuple[Column, ...]:
+        """A sine of attitude error that is zero at the start, per arcmin about each m-axis."""
+        sine = ARCMIN * np.sin(2.0 * np.pi * view.t / period)
+        return tuple(
+            Column(name, Signals(phins=on_axis(axis, sine)), {"period": period}) for axis, name in enumerate(AXES)
+        )

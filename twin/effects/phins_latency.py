@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from twin.effects._effect import GYROS, PHINS, Effect
 from twin.effects._parameters import parameter
+from twin.effects._prediction import Column, LogView, Signals
 
 FloatArray = NDArray[np.float64]
 
@@ -26,3 +27,8 @@ class PhinsLatency(Effect):
     def phins_clock(self, unit: str, t: FloatArray) -> FloatArray:
         """t - delay."""
         return t - self.delay if self.delay else t
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """Both attitudes move by -delay times their rate, per second: flexure in their difference, the ship in each."""
+        return (Column("delay", Signals(phins=-view.theta_dot, phins_main=-view.omega_m)),)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
+from physics.units import ARCMIN
 from twin.effects._change import added, section
 from twin.effects._effect import LookAlike, PerAxis
-from twin.effects._parameters import parameter
+from twin.effects._parameters import AXES, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.config import Twin
@@ -30,3 +34,9 @@ class StaticMisalignment(PerAxis):
     def twin(self, twin: Twin) -> Twin:
         """Phi = the twin's + e."""
         return section(twin, "mount", static_arcmin=added(twin.mount.static_arcmin, self.size()))
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """A constant angle about each m-axis, per arcmin."""
+        one = np.full(len(view.t), ARCMIN)
+        return tuple(Column(name, Signals(mount=on_axis(axis, one))) for axis, name in enumerate(AXES))

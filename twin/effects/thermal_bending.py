@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from physics.units import ARCMIN
 from twin.effects._effect import Effect
-from twin.effects._parameters import FLEXURE_MOST, Vector, parameter
+from twin.effects._parameters import AXES, FLEXURE_MOST, Vector, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.scene import Scene
@@ -31,3 +32,12 @@ class ThermalBending(Effect):
     def flexure(self, t: FloatArray, theta: FloatArray, scene: Scene, rng: np.random.Generator) -> FloatArray:
         """theta + a sin(2 pi t / period)."""
         return theta + np.outer(np.sin(2.0 * np.pi * t / self.period), np.array(self.amplitude) * ARCMIN)
+
+    @classmethod
+    def predict(cls, view: LogView, *, period: float = 7200.0) -> tuple[Column, ...]:
+        """A sine of bending that is zero at the start, per arcmin about each axis."""
+        sine = ARCMIN * np.sin(2.0 * np.pi * view.t / period)
+        return tuple(
+            Column(f"amplitude.{name}", Signals(bending=on_axis(axis, sine)), {"period": period})
+            for axis, name in enumerate(AXES)
+        )

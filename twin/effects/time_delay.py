@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 from twin.effects._change import section
 from twin.effects._effect import Effect, LookAlike
 from twin.effects._parameters import parameter
+from twin.effects._prediction import Column, LogView, Signals
 
 if TYPE_CHECKING:
     from twin.config import Twin
@@ -29,3 +30,8 @@ class TimeDelay(Effect):
     def twin(self, twin: Twin) -> Twin:
         """Delay = the twin's + delay."""
         return section(twin, "mount", time_delay=twin.mount.time_delay + self.delay)
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """The sub-IMU's samples move by -delay times their derivative, per second of delay."""
+        return (Column("delay", Signals(gyro=-view.omega_dot_s, accel=-view.jerk_s)),)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from physics.units import ARCMIN, DEG
 from twin.effects._effect import LookAlike, PerAxis
-from twin.effects._parameters import parameter
+from twin.effects._parameters import AXES, parameter
+from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
     from twin.scene import Scene
@@ -47,3 +48,11 @@ class WaveForcedBending(PerAxis):
         if not self.size().any():
             return theta
         return theta + np.outer(scene.angles(t)[:, 1] / DEG, self.size(ARCMIN))
+
+    @classmethod
+    def predict(cls, view: LogView) -> tuple[Column, ...]:
+        """Bending in proportion to roll, per arcmin/deg about each axis; nothing where roll is not known."""
+        if view.roll is None:
+            return ()
+        share = ARCMIN / DEG * view.roll
+        return tuple(Column(name, Signals(bending=on_axis(axis, share))) for axis, name in enumerate(AXES))

@@ -1,0 +1,110 @@
+"""What signals on the sensors, the deck or the PHINS add to the observations z, u and q."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from physics import quaternions
+from schemas.rig import FloatArray
+from schemas.trial import IntArray
+from stages.diagnose.whitening import step_means
+from stages.paired import Observations
+from twin.effects._prediction import Signals
+
+
+@njit(cache=True, nogil=True)
+def _turn(q, x, y, z):  # type: ignore[no-untyped-def]
+    tx = 2.0 * (q[1] * z - q[2] * y)
+    ty = 2.0 * (q[2] * x - q[0] * z)
+    tz = 2.0 * (q[0] * y - q[1] * x)
+    return (
+        x + q[3] * tx + q[1] * tz - q[2] * ty,
+        y + q[3] * ty + q[2] * tx - q[0] * tz,
+        z + q[3] * tz + q[0] * ty - q[1] * tx,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _propagate(q, force, dt, gyro, accel, angle, speed):  # type: ignore[no-untyped-def]
+    """alpha' = A gyro, V' = alpha x f + A accel; angle, speed: A^T alpha and A^T V at the samples (gyro, accel in m)."""
+    ax = ay = az = vx = vy = vz = 0.0
+    back = np.empty(4)
+    for k in range(1, len(dt)):
+        h = dt[k]
+        gx, gy, gz = _turn(q[k], gyro[k, 0], gyro[k, 1], gyro[k, 2])
+        bx, by, bz = ax + 0.5 * h * gx, ay + 0.5 * h * gy, az + 0.5 * h * gz
+        ax, ay, az = ax + h * gx, ay + h * gy, az + h * gz
+        fx, fy, fz = _turn(q[k], accel[k, 0], accel[k, 1], accel[k, 2])
+        vx += h * (by * force[k, 2] - bz * force[k, 1] + fx)
+        vy += h * (bz * force[k, 0] - bx * force[k, 2] + fy)
+        vz += h * (bx * force[k, 1] - by * force[k, 0] + fz)
+        back[:3] = -q[k, :3]
+        back[3] = q[k, 3]
+        angle[k, 0], angle[k, 1], angle[k, 2] = _turn(back, ax, ay, az)
+        speed[k, 0], speed[k, 1], speed[k, 2] = _turn(back, vx, vy, vz)
+
+
+class Response:
+    """From signals at the samples to (N, 9) on z, u and q, about one set of observations.
+
+    coupling: (3, 3) of flexure into the lever arm, as the model has it.
+    """
+
+    def __init__(self, obs: Observations, R_m_s: FloatArray, coupling: FloatArray) -> None:
+        self.obs, self.R, self.coupling = obs, R_m_s, coupling
+        self.dt = np.diff(obs.t, prepend=obs.t[0])
+        self.force = np.zeros_like(obs.sub.velocity)
+        self.force[1:] = np.diff(obs.sub.velocity, axis=0) / self.dt[1:, None]
+        half = quaternions.multiply(obs.main.attitude[:-1], quaternions.exp(0.5 * self._turned()))
+        self.middle = np.concatenate([obs.main.attitude[:1], half])
+
+    def _turned(self) -> FloatArray:
+        q = self.obs.main.attitude
+        return quaternions.log(quaternions.multiply(quaternions.conjugate(q[:-1]), q[1:]))
+
+    def __call__(self, signals: Signals) -> FloatArray:
+        """(N, 9) rad, m/s, rad."""
+        out = np.zeros((len(self.obs.index), 9))
+        if signals.gyro is not None or signals.accel is not None:
+            self._sensors(signals, out)
+        if signals.bending is not None:  # it moves the lever arm as the model says, so that u is left as it is
+            out[:, 0:3] += signals.bending[self.obs.index]
+        if signals.mount is not None:
+            z = signals.mount[self.obs.index]
+            out[:, 0:3] += z
+            out[:, 3:6] -= self.lever_velocity(z)
+        if signals.phins is not None:
+            out[:, 6:9] += step_means(signals.phins, self.obs.index)[0]
+        return out
+
+    def _sensors(self, signals: Signals, out: FloatArray) -> None:
+        nothing = np.zeros_like(self.force)
+        gyro = nothing if signals.gyro is None else signals.gyro @ self.R.T
+        accel = nothing if signals.accel is None else signals.accel @ self.R.T
+        angle, speed = np.zeros_like(self.force), np.zeros_like(self.force)
+        _propagate(
+            self.middle, self.force, self.dt, np.ascontiguousarray(gyro), np.ascontiguousarray(accel), angle, speed
+        )
+        z = angle[self.obs.index]
+        out[:, 0:3] += z
+        out[:, 3:6] += trapezoid_means(speed, self.obs.index) - self.lever_velocity(z)
+        out[:, 6:9] -= step_means(angle, self.obs.index)[0]
+
+    def lever_velocity(self, z: FloatArray) -> FloatArray:
+        """B dz/dt + omega x B z over the steps: what the model takes off u for an angle z (N, 3)."""
+        rate, mean = np.zeros_like(z), np.zeros_like(z)
+        rate[1:] = np.diff(z, axis=0) / self.obs.dt[1:, None]
+        mean[1:] = 0.5 * (z[1:] + z[:-1])
+        return np.asarray(rate @ self.coupling.T + np.cross(self.obs.omega, mean @ self.coupling.T))
+
+
+def trapezoid_means(values: FloatArray, index: IntArray) -> FloatArray:
+    """Means (N, c) over steps that end at samples ``index``; step 0 is the first sample."""
+    total = np.cumsum(values, axis=0)
+    out = values[index].copy()
+    count = np.diff(index)[:, None]
+    ends = 0.5 * (values[index[1:]] + values[index[:-1]])
+    inner = total[index[1:]] - total[index[:-1]] - values[index[1:]]
+    out[1:] = (inner + ends) / count
+    return out

@@ -1,0 +1,232 @@
+"""The rate residual of the two gyros at full rate: what is left is flexure and noise.
+
+    R(Phi) w_s(t + delay) - w_m(t) = theta' + w_m x theta + E w_m - lag w_m' + b + n
+
+on the stamps of the sub-IMU. The main IMU is brought there, not the sub-IMU to the main one: interpolating the unit
+that carries the flexure would look like a narrower bandwidth. w x theta is taken out with theta integrated from the
+residual itself; what is left of any effect in proportion to the ship's own rate (E: scale, misalignment, its drift;
+lag, its drift) by regression, weighted by the spectrum of the flexure, so that mean effects that nobody took out yet
+do not stand in the spectra.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.signal import firwin
+
+from physics import matching, quaternions, whittle
+from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
+from schemas.errors import DataError
+from schemas.products import Alignment, BoolArray
+from schemas.rig import FloatArray
+from schemas.trial import ImuSeries, Trial
+from twin import sensors
+from twin.config import Imu, Twin
+
+SHORTEST_S = 60.0  # s of common record below which spectra say nothing
+EDGE_S = 1.0  # s masked at either end
+GUARD = 2  # samples masked on either side of a bridged gap
+HALF_WIDTH = 32  # samples on either side, of the interpolation of the main IMU
+ON_GRID = 1e-3  # samples; closer than this the stamps of both units fall together
+WAVES_HZ = (0.02, 1.0)  # band of the regression on the ship's motion
+COARSE_HZ = 5.0  # rate at which that regression is done
+LAG = 12  # its column of the lag
+PASSES = 2  # of integrating theta and taking it out
+
+
+@dataclass(frozen=True)
+class FullRateResidual:
+    """Residual at the stamps of the sub-IMU.
+
+    t: (n,) s since the epoch, even. interval: s. rate: (n, 3) rad/s, theta' + noise, m-axes. good: (n,) measured by
+    both. omega: (n, 3) rad/s of the main IMU, m-axes. theta: (n, 3) rad as taken out. R_m_s: (3, 3). lag, lag_std: s by
+    which the sub's gyros trail what the alignment says.
+    """
+
+    t: FloatArray
+    interval: float
+    rate: FloatArray
+    good: BoolArray
+    omega: FloatArray
+    theta: FloatArray
+    R_m_s: FloatArray
+    lag: float
+    lag_std: float
+
+    @property
+    def duration(self) -> float:
+        """s."""
+        return len(self.t) * self.interval
+
+
+def residual(trial: Trial, alignment: Alignment, twin: Twin) -> FullRateResidual:
+    """The residual of a trial; DataError where the units share less than SHORTEST_S."""
+    sub, main = _bridged(trial.sub, trial.epoch), _bridged(trial.main, trial.epoch)
+    first, omega, filled = _main_at(main, sub.t - float(alignment.time_delay.value))
+    inside = slice(first, first + len(omega))
+    t, interval = sub.t[inside], float(np.median(np.diff(sub.t)))
+    if len(t) * interval < SHORTEST_S:
+        raise DataError(f"the two units share less than {SHORTEST_S:.0f} s: no spectrum of their difference")
+    omega = _without_errors(omega, twin.imu.main)
+    seen = _without_errors(sub.gyro[inside], twin.imu.sub) @ alignment.rotation.T
+    good = _grown(~(sub.filled[inside] | filled), interval)
+    rate, theta, lag, lag_std = _cleaned(seen - omega, omega, interval, twin)
+    return FullRateResidual(t, interval, rate, good, omega, theta, alignment.rotation, lag, lag_std)
+
+
+def _bridged(series: ImuSeries, epoch: int) -> matching.Unit:
+    """A unit with straight lines across its gaps, as means over intervals."""
+    unit = matching.bridge(np.asarray((series.stamp - epoch) * 1e-9), series.gyro, series.accel)
+    if not series.instantaneous:
+        return unit
+    return matching.Unit(unit.t, matching.interval_means(unit.gyro), unit.accel, unit.filled)
+
+
+def _without_errors(gyro: FloatArray, belief: Imu) -> FloatArray:
+    """The rates that a unit of these errors measured, (n, 3) rad/s."""
+    matrix = sensors.gyro_matrix(belief.gyro_scale_ppm, belief.gyro_nonorthogonality_arcsec)
+    return np.linalg.solve(matrix, (gyro - np.array(belief.gyro_bias_dph) * DEG_PER_HOUR).T).T
+
+
+def _grown(good: BoolArray, interval: float) -> BoolArray:
+    """Good samples away from gaps and ends."""
+    bad = np.convolve(~good, np.ones(2 * GUARD + 1), "same") > 0.5
+    edge = max(int(EDGE_S / interval), HALF_WIDTH)
+    bad[:edge] = bad[-edge:] = True
+    return ~bad
+
+
+def _main_at(main: matching.Unit, at: FloatArray) -> tuple[int, FloatArray, BoolArray]:
+    """Rates of the main IMU for the intervals that end at instants (k,): first one covered, rates, bridged or not."""
+    step = float(np.median(np.diff(main.t)))
+    place = np.interp(at, main.t, np.arange(len(main.t)), left=-1.0, right=-1.0)
+    place = np.where(np.diff(at, prepend=at[0] - step) > 0, place, -1.0)
+    whole = np.flatnonzero((place >= 0.0) & (at <= main.t[-1]))
+    if not len(whole):
+        return 0, np.zeros((0, 3)), np.zeros(0, bool)
+    place = place[whole[0] : whole[-1] + 1]
+    index, share = np.rint(place).astype(np.int64), place - np.rint(place)
+    values = main.gyro[index] if np.abs(share).max() < ON_GRID else _between(main.gyro, place)
+    return int(whole[0]), values, main.filled[index]
+
+
+def _between(values: FloatArray, place: FloatArray) -> FloatArray:
+    """Band-limited interpolation of (n, 3) at fractional indices (k,): a windowed sinc, which keeps white noise."""
+    fine = 64  # the filter's own grid, between whose rows it is linear: errors of 1e-4 of the highest frequencies
+    taps = firwin(2 * HALF_WIDTH * fine + 1, 1.0 / fine, window=("kaiser", 7.0)) * fine
+    padded = np.pad(values, ((HALF_WIDTH, HALF_WIDTH), (0, 0)), mode="edge")
+    out = np.empty((len(place), 3))
+    for begin in range(0, len(place), 8192):
+        part = place[begin : begin + 8192]
+        base = np.floor(part).astype(np.int64)
+        offset = (part - base)[:, None] - np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1)
+        kernel = np.interp(offset * fine, np.arange(-HALF_WIDTH * fine, HALF_WIDTH * fine + 1), taps)
+        rows = base[:, None] + np.arange(1, 2 * HALF_WIDTH + 1)
+        gathered = padded[np.minimum(rows, len(padded) - 1)]
+        out[begin : begin + 8192] = np.einsum("kj,kjc->kc", kernel, gathered)
+    return out
+
+
+def _weights(n: int, interval: float, believed: Twin) -> FloatArray:
+    """(n//2 + 1, 3): 1 / sqrt of the twin's spectrum within the band of the waves, else 0."""
+    frequency = fft.rfftfreq(n, interval)
+    inside = (frequency > WAVES_HZ[0]) & (frequency < WAVES_HZ[1])
+    out = np.zeros((len(frequency), 3))
+    noise = np.hypot(believed.imu.main.gyro_arw, believed.imu.sub.gyro_arw) * DEG_PER_SQRT_HOUR
+    for axis, (mu, lam, arcmin) in enumerate(_per_axis(believed)):
+        omega = 2.0 * np.pi * frequency[inside] * interval
+        power = whittle.increment_spectrum(omega, mu, mu**2 + lam**2, max(arcmin, 1e-3) * ARCMIN, noise, interval)
+        out[inside, axis] = interval / np.sqrt(power)
+    return out
+
+
+def _per_axis(twin: Twin) -> list[tuple[float, float, float]]:
+    flexure = twin.flexure
+    return list(zip(flexure.damping, flexure.frequency, flexure.std_arcmin))
+
+
+def _cleaned(
+    seen: FloatArray, omega: FloatArray, interval: float, twin: Twin
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """Rate without w x theta and without what is proportional to the ship's motion; theta; lag and its std."""
+    attitude = _attitude(omega, interval)
+    rate, theta = seen, np.zeros_like(seen)
+    for _ in range(PASSES):
+        motion, lag, lag_std = _motion(seen - quaternions.cross(omega, theta), omega, interval, twin)
+        rate = seen - motion
+        theta = _integrated(rate, attitude, interval)
+    rate = rate - quaternions.cross(omega, theta)
+    left, _, _ = _motion(rate, omega, interval, twin)
+    return rate - left, theta, lag, lag_std
+
+
+def _attitude(omega: FloatArray, interval: float) -> FloatArray:
+    t = interval * np.arange(len(omega))
+    unit = matching.Unit(t, omega, np.zeros_like(omega), np.zeros(len(t), bool))
+    return matching.strapdown(unit).attitude
+
+
+def _integrated(rate: FloatArray, attitude: FloatArray, interval: float) -> FloatArray:
+    """theta at mid-interval of theta' = rate - w x theta, that is A_m^T int A_m rate dt, mean taken out."""
+    turned = np.cumsum(quaternions.rotate(attitude, rate), axis=0) * interval
+    turned[1:] = 0.5 * (turned[1:] + turned[:-1])
+    theta = quaternions.rotate(quaternions.conjugate(attitude), turned)
+    return theta - theta.mean(axis=0)
+
+
+def _motion(
+    rate: FloatArray, omega: FloatArray, interval: float, twin: Twin
+) -> tuple[FloatArray, float, float]:
+    """The part (n, 3) of a rate in proportion to the ship's motion, and the lag of it, s, with its std."""
+    every = max(1, int(1.0 / (COARSE_HZ * interval)))
+    coarse, spacing = _means(rate, every), every * interval
+    time = _means(_clock(len(rate)), every)
+    design = _columns(_means(omega, every), _means(_slope(omega, interval), every), time)
+    weights = _weights(len(coarse), spacing, twin)
+    whitened = fft.rfft(coarse, axis=0) * weights
+    spectra = np.stack([fft.rfft(column, axis=0) * weights for column in design]).reshape(len(design), -1)
+    matrix, right = (spectra.conj() @ spectra.T).real, (spectra.conj() @ whitened.reshape(-1)).real
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix / scale / scale[:, None] + 1e-9 * np.eye(len(scale))
+    solution = np.linalg.solve(scaled, right / scale) / scale
+    # |rfft|^2 of white noise of variance v is n v, half of it in the real part
+    spread = np.sqrt(len(coarse) * np.linalg.inv(scaled)[LAG, LAG] / 2.0) / scale[LAG]
+    return _predicted(solution, omega, interval), float(solution[LAG]), float(spread)
+
+
+def _predicted(x: FloatArray, omega: FloatArray, interval: float) -> FloatArray:
+    """What the coefficients (14,) of ``_columns`` say at full rate, (n, 3)."""
+    time = _clock(len(omega))
+    turned = quaternions.cross(omega, x[9:12] * time)
+    return omega @ x[:9].reshape(3, 3).T + turned - (x[LAG] + x[LAG + 1] * time) * _slope(omega, interval)
+
+
+def _columns(omega: FloatArray, slope: FloatArray, time: FloatArray) -> FloatArray:
+    """Regressors (14, n, 3): E in nine, drift of the misalignment in three, lag, drift of the lag."""
+    out = np.zeros((14, len(omega), 3))
+    for row in range(3):
+        for column in range(3):
+            out[3 * row + column, :, row] = omega[:, column]
+    for axis in range(3):
+        out[9 + axis] = quaternions.cross(omega, np.broadcast_to(np.eye(3)[axis], omega.shape) * time)
+    out[LAG], out[LAG + 1] = -slope, -slope * time
+    return out
+
+
+def _clock(n: int) -> FloatArray:
+    return np.linspace(-1.0, 1.0, n)[:, None]
+
+
+def _slope(omega: FloatArray, interval: float) -> FloatArray:
+    out = np.zeros_like(omega)
+    out[1:-1] = (omega[2:] - omega[:-2]) / (2.0 * interval)
+    return out
+
+
+def _means(values: FloatArray, every: int) -> FloatArray:
+    """Means over ``every`` samples, (n // every, c)."""
+    n = len(values) // every
+    return np.asarray(values[: n * every].reshape(n, every, -1).mean(axis=1))

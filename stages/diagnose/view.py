@@ -1,0 +1,105 @@
+"""A log as a twin's parameters see it: believed sensor errors taken out, and the view that predictions are made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from physics import quaternions
+from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
+from schemas.products import Alignment
+from schemas.rig import FloatArray, ImuGrade, Rig
+from schemas.trial import ImuSeries, Trial
+from stages.paired import Observations
+from twin.config import Imu, Twin
+from twin.effects._prediction import LogView
+from twin.sensors import gyro_matrix
+
+QUASI_STATIC_LEAST = 1e-6  # arcmin
+
+
+@dataclass(frozen=True)
+class Believed:
+    """A log with what the twin says of its sensors taken out; the noise it says stays, stated in the rig."""
+
+    trial: Trial
+    twin: Twin
+
+    @property
+    def static(self) -> FloatArray:
+        """(3,) rad, the static angle that the twin says."""
+        return np.array(self.twin.mount.static_arcmin) * ARCMIN
+
+    @property
+    def lever_arm(self) -> FloatArray:
+        """(3,) m."""
+        return np.array(self.twin.mount.lever_arm)
+
+
+def believed(trial: Trial, twin: Twin) -> Believed:
+    """Gyros and accelerometers of both units without the biases, scale factors and skew of the twin."""
+    main, sub = _corrected(trial.main, twin.imu.main), _corrected(trial.sub, twin.imu.sub)
+    rig = replace(trial.rig, main=_grade(trial.rig.main, twin.imu.main), sub=_grade(trial.rig.sub, twin.imu.sub))
+    return Believed(replace(trial, main=main, sub=sub, rig=_with_lever(rig, twin)), twin)
+
+
+def _corrected(series: ImuSeries, belief: Imu) -> ImuSeries:
+    matrix = gyro_matrix(belief.gyro_scale_ppm, belief.gyro_nonorthogonality_arcsec)
+    gyro = (series.gyro - np.array(belief.gyro_bias_dph) * DEG_PER_HOUR) @ np.linalg.inv(matrix).T
+    return replace(series, gyro=gyro, accel=series.accel - np.array(belief.accel_bias_ug) * MICRO_G)
+
+
+def _grade(stated: ImuGrade, belief: Imu) -> ImuGrade:
+    return replace(stated, gyro_arw=belief.gyro_arw * DEG_PER_SQRT_HOUR, accel_vrw=belief.accel_vrw_ug * MICRO_G)
+
+
+def _with_lever(rig: Rig, twin: Twin) -> Rig:
+    return replace(rig, lever_arm=np.array(twin.mount.lever_arm), lever_arm_std=0.05)
+
+
+def with_mean(alignment: Alignment, delay: float) -> Alignment:
+    """The alignment with its delay replaced by what the twin says, s."""
+    return replace(alignment, time_delay=replace(alignment.time_delay, value=np.array(delay)))
+
+
+def log_view(source: Believed, obs: Observations, R_m_s: FloatArray, theta: FloatArray) -> LogView:
+    """The view at the stamps of the observations; R_m_s (3, 3) static, theta (n, 3) rad."""
+    main, t = source.trial.main, obs.t
+    stamp = source.trial.seconds(main.stamp)
+    omega, force = (_held(stamp, values, t) for values in (main.gyro, main.accel))
+    step = float(np.median(np.diff(t)))
+    omega_dot = _slope(omega, step)
+    r = source.lever_arm
+    rigid = np.cross(omega_dot, r) + np.cross(omega, np.cross(omega, r))
+    omega_s, force_s = omega @ R_m_s, (force + rigid) @ R_m_s
+    return LogView(
+        t=t, interval=step, R_m_s=R_m_s, lever_arm=r, omega_m=omega, omega_dot_m=omega_dot, force_m=force,
+        omega_s=omega_s, omega_dot_s=_slope(omega_s, step), force_s=force_s, jerk_s=_slope(force_s, step),
+        theta=theta, theta_dot=_slope(theta, step), damping=np.array(source.twin.flexure.damping),
+        stiffness=np.array(source.twin.flexure.damping) ** 2 + np.array(source.twin.flexure.frequency) ** 2,
+        roll=_roll(source.trial, t), temperature_sub=_temperature(source.trial, t),
+    )  # fmt: skip
+
+
+def _held(stamp: FloatArray, values: FloatArray, t: FloatArray) -> FloatArray:
+    return np.stack([np.interp(t, stamp, column) for column in values.T], axis=1)
+
+
+def _slope(values: FloatArray, step: float) -> FloatArray:
+    """Derivative of interval means at the middle of their interval, central differences."""
+    return np.asarray(np.gradient(values, step, axis=0))
+
+
+def _roll(trial: Trial, t: FloatArray) -> FloatArray | None:
+    """(n,) rad: from the PHINS at the main IMU where there is one, else levelled from the main IMU."""
+    unit = trial.phins_main
+    if unit is not None and unit.attitude is not None:
+        R = quaternions.rotate(quaternions.conjugate(unit.attitude), np.array([[0.0, 0.0, 1.0]]))
+        return np.interp(t, trial.seconds(unit.stamp), np.arctan2(-R[:, 0], R[:, 2]))
+    return None
+
+
+def _temperature(trial: Trial, t: FloatArray) -> FloatArray | None:
+    series = trial.temperature_sub
+    return None if series is None else np.interp(t, trial.seconds(series.stamp), series.value)

@@ -1,0 +1,265 @@
+"""Joint whitening of gyros, accelerometers and PHINS by the Kalman filter of the flexure model.
+
+The model is the estimator's (:mod:`stages.estimate.model`) without its constants, which the diagnosis fits as
+regressors, and with the PHINS pair: ``q = mean over a step of Log(R_m_s^PHINS Y^T) = C e - A_m^T d + noise``. Since Y, the
+attitude match of the gyros, is free of noise, q holds no flexure at all: what the gyros do wrong and what the PHINS do
+wrong is all there is in it. e is the difference of the errors of both PHINS, first-order Gauss-Markov in ENU, turned by
+``C = R_n_m^T``.
+
+The filter is linear, so that a regressor passed through the same gains is what an effect adds to the innovations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from scipy.spatial.transform import Rotation
+
+from physics import quaternions
+from physics.interpolation import slerp_quaternions
+from physics.kalman import Filtered, SparseModel, run_filter
+from physics.units import ARCMIN
+from schemas.products import BoolArray
+from schemas.rig import FloatArray
+from schemas.trial import ImuSeries, IntArray, Trial
+from stages.estimate import model as m
+from stages.paired import Observations
+from twin.config import Phins
+
+CHANNELS = ("sub.gyro", "sub.accel", "phins_sub.attitude")
+ROWS = 9  # z, u, q
+KEPT = np.concatenate([np.arange(first, first + 3) for first in (m.ZETA, m.THETA_DOT, m.D, m.V, m.JITTER, m.JITTER_BEFORE, m.STEP_D)])  # fmt: skip # noqa: E501
+PHINS_ERROR = len(KEPT)  # the state after them
+D = int(np.flatnonzero(KEPT == m.D)[0])
+EDGE_S = 5.0  # s left out at both ends, where interpolation and the filter's start would be tested
+OUTLIER_SIGMA = 8.0  # an innovation beyond it belongs to an event, not to a regression
+
+
+@dataclass(frozen=True)
+class PhinsNoise:
+    """Of the difference of both units: white (rad, a step), drift (3,) rad in ENU, tau s."""
+
+    white: float
+    drift: FloatArray
+    tau: float
+
+
+@dataclass(frozen=True)
+class PhinsMatch:
+    """q: (N, 3) rad, NaN where a PHINS has no attitude. C: (N, 3, 3) R_n_m^T at the steps. count: (N,) samples."""
+
+    q: FloatArray
+    C: FloatArray
+    count: FloatArray
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """values: (N, 9) standardised innovations of z, u and q, NaN where nothing was measured or it is masked.
+
+    model, filtered: what made them; scale: (9,), by which the innovations were larger than the model says.
+    """
+
+    model: SparseModel
+    filtered: Filtered
+    values: FloatArray
+    scale: FloatArray
+
+
+def phins_match(trial: Trial, obs: Observations) -> PhinsMatch | None:
+    """The pair of PHINS against the gyros' attitude match; None without two of them."""
+    main, sub = _attitude(trial.phins_main, trial), _attitude(trial.phins_sub, trial)
+    if main is None or sub is None:
+        return None
+    stamp = np.rint(obs.t * 1e9).astype(np.int64)
+    (n_m, main_ok), (n_s, sub_ok) = slerp_quaternions(*main, stamp), slerp_quaternions(*sub, stamp)
+    both = main_ok & sub_ok & obs.good
+    if both.sum() < 0.5 * obs.good.sum():
+        return None
+    measured = quaternions.multiply(quaternions.conjugate(n_m[both[main_ok]]), n_s[both[sub_ok]])
+    Y = quaternions.multiply(quaternions.conjugate(obs.main.attitude[both]), obs.sub.attitude[both])
+    difference = np.full((len(obs.t), 3), np.nan)
+    difference[both] = quaternions.log(quaternions.multiply(measured, quaternions.conjugate(Y)))
+    q, count = step_means(difference, obs.index)
+    at_steps = np.flatnonzero(main_ok)[
+        np.clip(np.searchsorted(np.flatnonzero(main_ok), obs.index), 0, main_ok.sum() - 1)
+    ]
+    row = np.cumsum(main_ok) - 1
+    C = np.swapaxes(Rotation.from_quat(n_m[row[at_steps]]).as_matrix(), 1, 2)
+    return PhinsMatch(q, C, count)
+
+
+def _attitude(series: ImuSeries | None, trial: Trial) -> tuple[IntArray, FloatArray] | None:
+    if series is None or series.attitude is None:
+        return None
+    good = np.isfinite(series.attitude).all(axis=1)
+    return (series.stamp[good] - trial.epoch, series.attitude[good]) if good.sum() > 2 else None
+
+
+def step_means(values: FloatArray, index: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Means (N, c) over the samples of each step that are not NaN, NaN where there are none, and their number (N,)."""
+    ok = np.isfinite(values).all(axis=1)
+    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(np.where(ok[:, None], values, 0.0), axis=0)])
+    number = np.concatenate([[0], np.cumsum(ok)])
+    start = np.concatenate([[0], index[:-1] + 1])
+    count = (number[index + 1] - number[start]).astype(float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return (total[index + 1] - total[start]) / count[:, None], count
+
+
+def build(
+    obs: Observations, noise: m.Noise, coupling: FloatArray, match: PhinsMatch | None, phins: PhinsNoise
+) -> SparseModel:
+    """The lean model: dynamic states alone, PHINS appended."""
+    full = m.build(obs, _without_constants(noise), coupling, np.zeros(m.SIZE))
+    lean = reduced(full, KEPT)
+    return lean if match is None else _with_phins(lean, obs, match, phins)
+
+
+def _without_constants(noise: m.Noise) -> m.Noise:
+    return replace(
+        noise, phi_prior=0.0, gyro_bias_prior=0.0, delay_prior=0.0, clock_prior=0.0, accel_bias_prior=0.0, lever_prior=0.0,
+        coupling_prior=0.0, kappa_prior=0.0, scale_prior=np.zeros((3, 3)), gyro_walk=0.0, accel_walk=0.0,
+    )  # fmt: skip
+
+
+def reduced(model: SparseModel, kept: IntArray) -> SparseModel:
+    """The model of some states alone, the others being zero for ever."""
+    place = np.full(len(model.x0), -1)
+    place[kept] = np.arange(len(kept))
+    in_E = (place[model.transition_row] >= 0) & (place[model.transition_col] >= 0)
+    in_Q = (place[model.noise_row] >= 0) & (place[model.noise_col] >= 0)
+    rows = model.measurement_col.shape[0]
+    inside = [
+        np.flatnonzero((place[model.measurement_col[i]] >= 0) & np.any(model.measurement[:, i] != 0.0, axis=0))
+        for i in range(rows)
+    ]
+    width = max(map(len, inside))
+    column = np.zeros((rows, width), dtype=np.int64)
+    value = np.zeros((len(model.z), rows, width))
+    for i, chosen in enumerate(inside):
+        column[i, : len(chosen)] = place[model.measurement_col[i, chosen]]
+        value[:, i, : len(chosen)] = model.measurement[:, i, chosen]
+    return SparseModel(
+        place[model.transition_row[in_E]], place[model.transition_col[in_E]], np.ascontiguousarray(model.transition[:, in_E]),
+        place[model.noise_row[in_Q]], place[model.noise_col[in_Q]], np.ascontiguousarray(model.noise[:, in_Q]),
+        column, value, model.z, model.variance, model.x0[kept], np.ascontiguousarray(model.P0[np.ix_(kept, kept)]),
+    )  # fmt: skip
+
+
+def _with_phins(lean: SparseModel, obs: Observations, match: PhinsMatch, noise: PhinsNoise) -> SparseModel:
+    N, n = len(obs.dt), len(lean.x0)
+    own = np.arange(n, n + 3)
+    decay = np.exp(-obs.dt / noise.tau)
+    width = max(lean.measurement_col.shape[1], 6)
+    column = np.zeros((ROWS, width), dtype=np.int64)
+    value = np.zeros((N, ROWS, width))
+    column[:6, : lean.measurement_col.shape[1]] = lean.measurement_col
+    value[:, :6, : lean.measurement_col.shape[1]] = lean.measurement
+    A_T = np.swapaxes(obs.A_mid, 1, 2)
+    for i in range(3):
+        column[6 + i, :6] = [*own, D, D + 1, D + 2]
+        value[:, 6 + i, :3] = match.C[:, i]
+        value[:, 6 + i, 3:6] = -A_T[:, i]
+    P0 = np.zeros((n + 3, n + 3))
+    P0[:n, :n] = lean.P0
+    P0[n:, n:] = np.diag(noise.drift**2)
+    white = noise.white**2 / np.maximum(match.count, 1.0)
+    spread = (noise.drift[None, :] ** 2) * (-np.expm1(-2.0 * obs.dt / noise.tau))[:, None]
+    return SparseModel(
+        np.concatenate([lean.transition_row, own]), np.concatenate([lean.transition_col, own]),
+        np.ascontiguousarray(np.hstack([lean.transition, np.repeat(decay[:, None] - 1.0, 3, axis=1)])),
+        np.concatenate([lean.noise_row, own]), np.concatenate([lean.noise_col, own]),
+        np.ascontiguousarray(np.hstack([lean.noise, spread])), column, value,
+        np.hstack([lean.z, match.q]), np.hstack([lean.variance, np.repeat(white[:, None], 3, axis=1)]),
+        np.concatenate([lean.x0, np.zeros(3)]), P0,
+    )  # fmt: skip
+
+
+def phins_noise(belief: Phins) -> PhinsNoise:
+    """What the twin says of the difference of two units: sqrt(2) of one; white is per sample."""
+    root = np.sqrt(2.0)
+    drift = root * np.array(belief.attitude_drift_arcmin) * ARCMIN
+    return PhinsNoise(
+        root * max(belief.attitude_noise_arcmin, 1e-3) * ARCMIN, np.maximum(drift, 1e-9), belief.attitude_drift_tau
+    )
+
+
+def masked(obs: Observations, rows: int) -> BoolArray:
+    """(N, rows) innovations not to be tested: the ends, and the surroundings of gaps."""
+    t = obs.t[obs.index]
+    out = (t < t[0] + EDGE_S) | (t > t[-1] - EDGE_S)
+    for k in np.flatnonzero(obs.jump_s > 0.0):
+        out |= (t > t[k] - 1.0) & (t < t[k] + EDGE_S)
+    return np.repeat(out[:, None], rows, axis=1)
+
+
+def whiten(model: SparseModel, obs: Observations) -> Whitened:
+    """Innovations over their standard deviation; a channel whose innovations are larger or smaller is scaled."""
+    filtered = run_filter(model, np.zeros(0, dtype=np.int64))
+    values = filtered.innovation / np.sqrt(filtered.innovation_variance)
+    values[masked(obs, values.shape[1])] = np.nan
+    scale = np.array([_spread(column) for column in values.T])
+    values = values / scale
+    values[np.abs(values) > OUTLIER_SIGMA] = np.nan
+    return Whitened(model, filtered, values, scale)
+
+
+def _spread(column: FloatArray) -> float:
+    """RMS with its tails clipped at three sigma, 1 where there is nothing."""
+    x = column[np.isfinite(column)]
+    if len(x) < 20:
+        return 1.0
+    spread = float(np.median(np.abs(x))) / 0.6745
+    for _ in range(5):
+        spread *= float(np.sqrt(np.mean(np.minimum((x / spread) ** 2, 9.0)) / 0.987))
+    return max(spread, 1e-12)
+
+
+@njit(cache=True, nogil=True)
+def _columns(e_row, e_col, E, h_col, H, gain, root_S, c, x):  # type: ignore[no-untyped-def]
+    """c (N, m, K) is overwritten with the innovations that it makes; x (n, K) is the state to begin from."""
+    steps, rows, K = c.shape
+    dx = np.zeros_like(x)
+    nu = np.zeros(K)
+    for k in range(steps):
+        dx[:] = 0.0
+        for a in range(len(e_row)):
+            value = E[k, a]
+            if value != 0.0:
+                for q in range(K):
+                    dx[e_row[a], q] += value * x[e_col[a], q]
+        x += dx
+        for i in range(rows):
+            if np.isnan(root_S[k, i]):
+                c[k, i] = 0.0
+                continue
+            for q in range(K):
+                nu[q] = c[k, i, q]
+            for a in range(h_col.shape[1]):
+                h = H[k, i, a]
+                if h != 0.0:
+                    for q in range(K):
+                        nu[q] -= h * x[h_col[i, a], q]
+            for j in range(x.shape[0]):
+                g = gain[k, i, j]
+                if g != 0.0:
+                    for q in range(K):
+                        x[j, q] += g * nu[q]
+            for q in range(K):
+                c[k, i, q] = nu[q] / root_S[k, i]
+
+
+def whiten_columns(whitened: Whitened, columns: FloatArray) -> FloatArray:
+    """Regressors (N, 9, K) as what they add to the standardised innovations, zero where those are masked."""
+    model, filtered = whitened.model, whitened.filtered
+    out = np.array(columns[:, : filtered.innovation.shape[1]], dtype=float)
+    root = np.sqrt(filtered.innovation_variance) * whitened.scale
+    _columns(
+        model.transition_row, model.transition_col, model.transition, model.measurement_col, model.measurement,
+        filtered.gain, root, out, np.zeros((len(model.x0), out.shape[2])),
+    )  # fmt: skip
+    out[~np.isfinite(whitened.values)] = 0.0
+    return out
