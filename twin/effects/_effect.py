@@ -94,6 +94,19 @@ class Effect(BaseModel):
         statistics and not means. What else shapes the effect (a period, a time) are keyword arguments with defaults."""
         return ()
 
+    def flexure_density(
+        self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float
+    ) -> FloatArray:
+        """Spectrum (k,) of the flexure's rate about an m-axis as the sub's gyros sample it, (rad/s)^2 at omega (k,)
+        rad/sample, white noise of variance v having v. interval: s. share: place in the log, 0 to 1."""
+        return density
+
+    def noise_density(
+        self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float
+    ) -> FloatArray:
+        """The same of what the sub's gyros add to it about that axis."""
+        return density
+
     def twin(self, twin: Twin) -> Twin:
         """The twin with parameters changed."""
         return twin

@@ -25,6 +25,12 @@ class GyroBandwidth(Effect):
     cutoff: float = parameter("Hz", "of the low-pass", prior=(2.0, 500.0), least=0.01, most=inf, neutral=inf)
     advice: ClassVar[str] = "Widen the sub-IMU's output filter, or give both units the same one."
 
+    def flexure_density(
+        self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float
+    ) -> FloatArray:
+        """Multiplied by |H|^2; the noise comes after the low-pass."""
+        return density / (1.0 + (omega / (2.0 * np.pi * interval * self.cutoff)) ** 2)
+
     def gyro(
         self, unit: str, t: FloatArray, gyro: FloatArray, accel: FloatArray, scene: Scene, rng: np.random.Generator
     ) -> FloatArray:

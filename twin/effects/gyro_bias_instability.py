@@ -31,6 +31,14 @@ class GyroBiasInstability(Effect):
     )
     advice: ClassVar[str] = "Model the bias as a Gauss-Markov process in the estimator, or fit steadier gyros."
 
+    def noise_density(
+        self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float
+    ) -> FloatArray:
+        """First-order Gauss-Markov, sampled: std^2 (1 - a^2) / (1 - 2 a cos w + a^2), a = exp(-interval/tau)."""
+        a = np.exp(-interval / self.tau)
+        markov_power = (1.0 - a * a) / (1.0 - 2.0 * a * np.cos(omega) + a * a)
+        return density + (self.std * DEG_PER_HOUR) ** 2 * markov_power
+
     def gyro(
         self, unit: str, t: FloatArray, gyro: FloatArray, accel: FloatArray, scene: Scene, rng: np.random.Generator
     ) -> FloatArray:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physics.units import ARCSEC
 from schemas.trial import ImuSeries
@@ -15,6 +16,8 @@ from twin.effects._parameters import parameter
 if TYPE_CHECKING:
     from twin.scene import Scene
 
+FloatArray = NDArray[np.float64]
+
 
 class GyroQuantization(Effect):
     """Gyros of the sub-IMU that count whole steps of angle and carry the rest over to the next sample."""
@@ -23,6 +26,13 @@ class GyroQuantization(Effect):
     step: float = parameter("arcsec", "of angle per count", prior=(1e-4, 10.0), least=0.0, most=3600.0, neutral=0.0)
     needs: ClassVar[tuple[str, ...]] = ("sub.gyro",)
     advice: ClassVar[str] = "Use the unit's output of full resolution, or model the white error of angle it leaves."
+
+    def noise_density(
+        self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float
+    ) -> FloatArray:
+        """White errors of angle of step / sqrt(12), differenced."""
+        count = self.step * ARCSEC / interval  # rad/s of one count in a sample
+        return density + count**2 / 12.0 * 4.0 * np.sin(0.5 * omega) ** 2
 
     def imu(self, unit: str, series: ImuSeries, scene: Scene, rng: np.random.Generator) -> ImuSeries:
         """Differences of the integrated rate rounded to whole steps: increments are multiples of the step."""

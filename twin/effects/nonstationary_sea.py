@@ -29,6 +29,12 @@ class NonstationarySea(Effect):
     advice: ClassVar[str] = "Identify the flexure in pieces of the log, and let its size follow the sea."
     bends: ClassVar[bool] = True
 
+    def flexure_density(
+        self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float
+    ) -> FloatArray:
+        """Multiplied by the square of the size at that place."""
+        return density * (1.0 + (self.growth - 1.0) * share) ** 2
+
     def sea_flexure(self, t: FloatArray, theta: FloatArray, scene: Scene) -> FloatArray:
         """theta (1 + (growth - 1) t / duration), held beyond the ends of the log."""
         share = np.clip(t / scene.twin.run.duration, 0.0, 1.0)

@@ -6,7 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from physics.units import DEG
 from schemas.trial import ImuSeries
 from twin import sensors
 from twin.effects._effect import Effect
@@ -14,6 +16,8 @@ from twin.effects._parameters import parameter
 
 if TYPE_CHECKING:
     from twin.scene import Scene
+
+FloatArray = NDArray[np.float64]
 
 
 class Outliers(Effect):
@@ -26,6 +30,13 @@ class Outliers(Effect):
     )
     needs: ClassVar[tuple[str, ...]] = ("sub.gyro",)
     advice: ClassVar[str] = "Let the estimator reject or weigh down outliers, and look for disturbance on the cable."
+
+    def noise_density(
+        self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float
+    ) -> FloatArray:
+        """White: a third of the outliers falls on each axis, of mean square 13/12 size^2."""
+        hit = self.rate / 60.0 * interval / 3.0
+        return density + hit * 13.0 / 12.0 * (self.size * DEG) ** 2
 
     def imu(self, unit: str, series: ImuSeries, scene: Scene, rng: np.random.Generator) -> ImuSeries:
         """Outliers added to the finished rates."""

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from physics import flexure
+from physics import flexure, whittle
 from physics.units import ARCMIN
 from twin.effects._axes import along
 from twin.effects._effect import Effect
-from twin.effects._parameters import FLEXURE_MOST, Axis, parameter
+from twin.effects._parameters import AXES, FLEXURE_MOST, Axis, parameter
 
 if TYPE_CHECKING:
     from twin.scene import Scene
@@ -29,6 +29,16 @@ class SecondMode(Effect):
     axis: Axis = "x"
     advice: ClassVar[str] = "Give the estimator a second flexure mode on this axis."
     bends: ClassVar[bool] = True
+
+    def flexure_density(
+        self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float
+    ) -> FloatArray:
+        """The spectrum of the mode, exact with its aliases, added on its axis."""
+        if AXES[axis] != self.axis or not self.std_arcmin:
+            return density
+        stiffness = self.damping**2 + self.frequency**2
+        mode = whittle.increment_spectrum(omega, self.damping, stiffness, self.std_arcmin * ARCMIN, 0.0, interval)
+        return density + mode / interval**2
 
     def flexure(self, t: FloatArray, theta: FloatArray, scene: Scene, rng: np.random.Generator) -> FloatArray:
         """theta + a stationary second-order Gauss-Markov path."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from physics.units import ARCMIN
 from twin.effects._axes import along
 from twin.effects._effect import Effect
-from twin.effects._parameters import Axis, parameter
+from twin.effects._parameters import AXES, Axis, parameter
 
 if TYPE_CHECKING:
     from twin.scene import Scene
@@ -31,6 +31,16 @@ class Slamming(Effect):
     axis: Axis = "x"
     advice: ClassVar[str] = "Mask the seconds after each slam, or slow down; slams carry no lasting deformation."
     bends: ClassVar[bool] = True
+
+    def flexure_density(
+        self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float
+    ) -> FloatArray:
+        """Shot noise of the rings: rate times the squared spectrum of one, on its axis."""
+        if AXES[axis] != self.axis:
+            return density
+        s = 1j * omega / interval
+        ring = self.amplitude * ARCMIN * s / ((s + self.damping) ** 2 + self.frequency**2)
+        return density + self.rate / 60.0 * np.abs(ring) ** 2 / interval
 
     def flexure(self, t: FloatArray, theta: FloatArray, scene: Scene, rng: np.random.Generator) -> FloatArray:
         """theta + sum of A / w exp(-d (t - t_k)) sin(w (t - t_k)) after each slam t_k."""
