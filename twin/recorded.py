@@ -7,7 +7,8 @@ sums of the samples, so that their means over the intervals are those of the sam
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,9 +19,10 @@ from scipy.spatial.transform import Rotation
 
 from physics import earth, quaternions
 from physics.units import DEG, DEG_PER_HOUR, MICRO_G
-from schemas.trial import ImuSeries, Trial
+from schemas.trial import ImuSeries, ScalarSeries, Trial
 from twin.config import Imu, Twin
 from twin.motion import Motion
+from twin.scene import Scene
 from twin.sensors import gyro_matrix, installation
 
 FloatArray = NDArray[np.float64]
@@ -34,15 +36,18 @@ PHINS_BLOCK_S, LEVEL_BLOCK_S = 10.0, 60.0  # over which an attitude is compared 
 
 @dataclass(frozen=True)
 class RecordedMotion:
-    """The main IMU's motion from the samples of a log; call :meth:`at` for times within span (s since the epoch)."""
+    """The main IMU's motion from the samples of a log; call :meth:`at` for times within span (s since the epoch).
+
+    Nothing is worked out before it is asked for.
+    """
 
     trial: Trial
     twin: Twin
     span: tuple[float, float]
-    _state: _Path = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_state", _path(self.trial, self.twin.imu.main, self.span))
+    @cached_property
+    def _state(self) -> _Path:
+        return _path(self.trial, self.twin.imu.main, self.span)
 
     def at(self, t: FloatArray) -> Motion:
         """Everything at times t (n,) s. velocity is not known and zero; the place is that of GNSS, else the twin's."""
@@ -234,3 +239,18 @@ def _euler(q_n_m: FloatArray) -> FloatArray:
 
 def _quaternion(matrix: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_matrix(matrix).as_quat())
+
+
+def recorded_scene(trial: Trial, twin: Twin, span: tuple[float, float]) -> Scene:
+    """The scene of a log: its own motion, rate and thermometers; all else is the twin's."""
+    stamp = trial.main.stamp
+    rate = 1e9 / float(np.median(np.diff(stamp)))
+    run = twin.run.model_copy(update={"rate": rate, "duration": trial.duration + 1.0 / rate})
+    known = {"main": trial.temperature_main, "sub": trial.temperature_sub}
+    thermometers = {unit: _reading(trial, series) for unit, series in known.items() if series is not None}
+    return Scene(twin.model_copy(update={"run": run}), RecordedMotion(trial, twin, span), thermometers)
+
+
+def _reading(trial: Trial, series: ScalarSeries) -> Callable[[FloatArray], FloatArray]:
+    at = trial.seconds(series.stamp)
+    return lambda t: np.interp(t, at, series.value)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from schemas.trial import ImuSeries
     from twin.config import Twin
     from twin.effects._prediction import Column, LogView
+    from twin.effects._repair import Repair
     from twin.scene import Scene
 
 FloatArray = NDArray[np.float64]
@@ -51,7 +52,8 @@ class Effect(BaseModel):
 
     name: as in twins and reports. needs: channels without which the effect cannot be tested. look_alikes: each pair is
     declared by one of the two. advice: what an engineer should do about it, a sentence. bends: it moves the deck, and
-    so shows in the truth.
+    so shows in the truth. foretold: its bending draws nothing, the ship's motion and time determine it. stays: why it
+    cannot be taken out of a log, half a sentence; empty for one that can.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -61,6 +63,8 @@ class Effect(BaseModel):
     look_alikes: ClassVar[tuple[LookAlike, ...]] = ()
     advice: ClassVar[str] = ""
     bends: ClassVar[bool] = False
+    foretold: ClassVar[bool] = False
+    stays: ClassVar[str] = ""
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
@@ -150,6 +154,13 @@ class Effect(BaseModel):
     def imu(self, unit: str, series: ImuSeries, scene: Scene, rng: np.random.Generator) -> ImuSeries:
         """The finished series of ``main``, ``sub``, ``phins_main``, ``phins_sub`` or ``sliding``."""
         return series
+
+    def compensate(self, repair: Repair) -> Repair:
+        """A log with this effect taken out of it: the inverse of ``gyro``, ``accel``, ``attitude`` and ``imu``.
+
+        What ``twin``, the clocks, ``mount`` and foretold ``flexure`` do is undone without it.
+        """
+        return repair
 
 
 class PerAxis(Effect):

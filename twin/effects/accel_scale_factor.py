@@ -13,6 +13,7 @@ from twin.effects._parameters import AXES, parameter
 from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
+    from twin.effects._repair import Repair
     from twin.scene import Scene
 
 FloatArray = NDArray[np.float64]
@@ -43,3 +44,7 @@ class AccelScaleFactor(PerAxis):
         return tuple(
             Column(name, Signals(accel=on_axis(axis, PPM * view.force_s[:, axis]))) for axis, name in enumerate(AXES)
         )
+
+    def compensate(self, repair: Repair) -> Repair:
+        """f / (1 + s)."""
+        return repair.with_sub(accel=repair.sub.accel / (1.0 + self.size(PPM)))

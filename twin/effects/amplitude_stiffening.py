@@ -30,6 +30,7 @@ class AmplitudeStiffening(Effect):
         "Identify the flexure in calm and rough parts apart, or let its stiffness depend on the size."
     )
     bends: ClassVar[bool] = True
+    stays: ClassVar[str] = "the random flexure is followed, stiffened or not"
 
     def sea_flexure(self, t: FloatArray, theta: FloatArray, scene: Scene) -> FloatArray:
         """The stiffened answer to the same forcing: theta + d, d'' + 2 mu d' + b^2 d = -b^2 gain (theta + d)^3."""

@@ -28,6 +28,7 @@ class AxisCoupling(Effect):
     yz: float = CORRELATION
     advice: ClassVar[str] = "Let the estimator's process noise carry the correlation of the axes."
     bends: ClassVar[bool] = True
+    stays: ClassVar[str] = "the random flexure is followed on each axis, coupled or not"
 
     @model_validator(mode="after")
     def _possible(self) -> AxisCoupling:

@@ -33,6 +33,7 @@ class FlexureParameters(Effect):
     )
     advice: ClassVar[str] = "Take the identified flexure parameters over into the twin and the estimator."
     bends: ClassVar[bool] = True
+    stays: ClassVar[str] = "the flexure is identified in the log itself"
 
     def twin(self, twin: Twin) -> Twin:
         """The stated values in place of the twin's."""

@@ -30,6 +30,7 @@ class GyroBiasInstability(Effect):
         ),
     )
     advice: ClassVar[str] = "Model the bias as a Gauss-Markov process in the estimator, or fit steadier gyros."
+    stays: ClassVar[str] = "it is random, and the estimator lets the biases wander"
 
     def noise_density(
         self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float

@@ -13,6 +13,7 @@ from twin.effects._parameters import AXES, parameter
 from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
+    from twin.effects._repair import Repair
     from twin.scene import Scene
 
 FloatArray = NDArray[np.float64]
@@ -48,3 +49,7 @@ class GyroGSensitivity(PerAxis):
         return tuple(
             Column(name, Signals(gyro=on_axis(axis, unit * view.force_s[:, axis]))) for axis, name in enumerate(AXES)
         )
+
+    def compensate(self, repair: Repair) -> Repair:
+        """omega - k f, f as measured."""
+        return repair.with_sub(gyro=repair.sub.gyro - repair.sub.accel * self.size(DEG_PER_HOUR / STANDARD_GRAVITY))

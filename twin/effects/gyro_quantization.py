@@ -26,6 +26,7 @@ class GyroQuantization(Effect):
     step: float = parameter("arcsec", "of angle per count", prior=(1e-4, 10.0), least=0.0, most=3600.0, neutral=0.0)
     needs: ClassVar[tuple[str, ...]] = ("sub.gyro",)
     advice: ClassVar[str] = "Use the unit's output of full resolution, or model the white error of angle it leaves."
+    stays: ClassVar[str] = "the rest is carried over, so that its error of angle stays below a count"
 
     def noise_density(
         self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float

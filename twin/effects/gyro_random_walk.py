@@ -23,6 +23,7 @@ class GyroRandomWalk(Effect):
     advice: ClassVar[str] = (
         "Compare with the Allan deviation of the unit at rest ashore; enter the level in the rig profile."
     )
+    stays: ClassVar[str] = "it is noise, whose level the estimator finds in the log"
 
     def twin(self, twin: Twin) -> Twin:
         """ARW = arw."""

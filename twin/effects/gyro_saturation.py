@@ -14,7 +14,10 @@ from twin.effects._effect import Effect
 from twin.effects._parameters import parameter
 
 if TYPE_CHECKING:
+    from twin.effects._repair import Repair
     from twin.scene import Scene
+
+CLIPPED = 1e-6  # of the limit: samples closer to it are clipped
 
 
 class GyroSaturation(Effect):
@@ -30,3 +33,11 @@ class GyroSaturation(Effect):
         if unit != "sub":
             return series
         return replace(series, gyro=np.clip(series.gyro, -self.limit * DEG, self.limit * DEG))
+
+    def compensate(self, repair: Repair) -> Repair:
+        """Clipped samples masked: what went beyond the range is lost."""
+        clipped = np.abs(repair.sub.gyro).max(axis=1) >= self.limit * DEG * (1.0 - CLIPPED)
+        if clipped.all():
+            return repair.noted(f"{self.name}: left in; every sample of the sub-IMU is clipped")
+        told = f"{self.name}: {np.count_nonzero(clipped)} clipped samples of the sub-IMU masked"
+        return repair.without(clipped).noted(told)

@@ -13,6 +13,7 @@ from twin.effects._parameters import AXES, Vector, parameter
 from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
+    from twin.effects._repair import Repair
     from twin.scene import Scene
 
 FloatArray = NDArray[np.float64]
@@ -44,3 +45,10 @@ class GyroTemperature(Effect):
             return ()
         warmth = DEG_PER_HOUR * (view.temperature_sub - REFERENCE)
         return tuple(Column(f"slope.{name}", Signals(gyro=on_axis(axis, warmth))) for axis, name in enumerate(AXES))
+
+    def compensate(self, repair: Repair) -> Repair:
+        """omega - slope (T - 20), T by the sub-IMU's thermometer, else by the twin."""
+        warmth = repair.scene.temperature("sub", repair.t) - REFERENCE
+        repair = repair.with_sub(gyro=repair.sub.gyro - np.outer(warmth, np.array(self.slope) * DEG_PER_HOUR))
+        source = "thermometer" if "sub" in repair.scene.thermometers else "temperature in the twin (none is recorded)"
+        return repair.noted(f"{self.name}: taken out of the sub-IMU's gyros by its {source}")

@@ -35,6 +35,7 @@ class HeelBending(PerAxis):
     z: float = SHARE
     advice: ClassVar[str] = "Model bending in proportion to lasting heel, and keep heel small while measuring."
     bends: ClassVar[bool] = True
+    foretold: ClassVar[bool] = True
 
     def flexure(self, t: FloatArray, theta: FloatArray, scene: Scene, rng: np.random.Generator) -> FloatArray:
         """theta + k u(t), f_x the specific force of the main IMU."""

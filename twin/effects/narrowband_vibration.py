@@ -6,16 +6,20 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from physics.units import DEG
 from twin.effects._axes import along
 from twin.effects._effect import Effect
-from twin.effects._parameters import Axis, parameter
+from twin.effects._parameters import AXES, Axis, parameter
 
 if TYPE_CHECKING:
+    from twin.effects._repair import Repair
     from twin.scene import Scene
 
 FloatArray = NDArray[np.float64]
+
+NEAR = 2e-3  # share of the frequency that it may be off by
 
 
 class NarrowbandVibration(Effect):
@@ -37,3 +41,28 @@ class NarrowbandVibration(Effect):
         step = 1.0 / scene.twin.run.rate
         mean = np.sinc(self.frequency * step) * np.sin(2.0 * np.pi * self.frequency * (t - 0.5 * step) + phase)
         return gyro + along(self.axis, self.amplitude * DEG * mean)
+
+    def compensate(self, repair: Repair) -> Repair:
+        """The sine nearest to the frequency fitted to the rate about the axis, phase and size free, and taken off."""
+        t, gyro, axis = repair.t, repair.sub.gyro.copy(), AXES.index(self.axis)
+        window = np.sin(np.pi * (t - t[0]) / (t[-1] - t[0])) ** 2
+        frequency = peak(t, gyro[:, axis] * window, self.frequency)
+        basis = np.exp(2j * np.pi * frequency * t)
+        columns = np.stack([basis.real, basis.imag], axis=-1)
+        size = np.linalg.lstsq(columns * window[:, None], gyro[:, axis] * window, rcond=None)[0]
+        gyro[:, axis] -= columns @ size
+        told = f"{np.hypot(*size) / DEG:.2g} deg/s at {frequency:.4f} Hz taken out of the sub-IMU's gyro {self.axis}"
+        return repair.with_sub(gyro=gyro).noted(f"{self.name}: {told}")
+
+
+def peak(t: FloatArray, x: FloatArray, near: float) -> float:
+    """The frequency (Hz) within NEAR of ``near`` at which the transform of x (n,) at times t (n,) s is largest."""
+    low = x * np.exp(-2j * np.pi * near * t)
+    reach = max(NEAR * near, 2.0 / (t[-1] - t[0]))
+    block = 0.1 / reach
+    which = np.floor((t - t[0]) / block).astype(np.int64)
+    slow = np.bincount(which, low.real) + 1j * np.bincount(which, low.imag)
+    size = fft.next_fast_len(16 * len(slow))
+    power, offset = np.abs(fft.fft(slow, size)), fft.fftfreq(size, block)
+    power[np.abs(offset) > reach] = 0.0
+    return near + float(offset[np.argmax(power)])

@@ -28,6 +28,7 @@ class NonstationarySea(Effect):
     )
     advice: ClassVar[str] = "Identify the flexure in pieces of the log, and let its size follow the sea."
     bends: ClassVar[bool] = True
+    stays: ClassVar[str] = "the random flexure is followed, whatever its size"
 
     def flexure_density(
         self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from physics.units import DEG
 from schemas.trial import ImuSeries
@@ -15,9 +16,14 @@ from twin.effects._effect import Effect
 from twin.effects._parameters import parameter
 
 if TYPE_CHECKING:
+    from twin.effects._repair import Repair
     from twin.scene import Scene
 
 FloatArray = NDArray[np.float64]
+
+LEAST = 0.4  # of the mean size: no outlier is smaller than half
+SIGMAS = 6.0
+ROUNDS = 5  # outliers beside each other take turns
 
 
 class Outliers(Effect):
@@ -44,3 +50,30 @@ class Outliers(Effect):
             return series
         wild = sensors.outliers(len(series), scene.twin.run.rate, self.rate, self.size, rng)
         return replace(series, gyro=series.gyro + wild)
+
+    def compensate(self, repair: Repair) -> Repair:
+        """Single samples that stand out put on the cubic through the two before and the two after."""
+        gyro, count = cleaned(repair.sub.gyro, LEAST * self.size * DEG)
+        told = f"{self.name}: {count} samples of the sub-IMU's gyros replaced by what their neighbours say"
+        return repair.with_sub(gyro=gyro).noted(told)
+
+
+def cleaned(gyro: FloatArray, least: float) -> tuple[FloatArray, int]:
+    """Rates (n, 3) rad/s without single samples off by ``least`` and SIGMAS of their axis's spread, and how many."""
+    gyro, count = gyro.copy(), 0
+    for column in gyro.T:
+        limit = max(least, SIGMAS * 1.4826 * float(np.median(np.abs(_departure(column)))))
+        for _ in range(ROUNDS):
+            off = np.abs(_departure(column))
+            wild = np.flatnonzero((off > limit) & (off >= maximum_filter1d(off, 5)))
+            if not len(wild):
+                break
+            column[wild] -= _departure(column)[wild]
+            count += len(wild)
+    return gyro, count
+
+
+def _departure(x: FloatArray) -> FloatArray:
+    """x less the cubic through the four neighbours (n,); at the ends less the mirrored signal's."""
+    y = np.pad(x, 2, mode="reflect", reflect_type="odd")
+    return x - (4.0 * (y[1:-3] + y[3:-1]) - y[:-4] - y[4:]) / 6.0

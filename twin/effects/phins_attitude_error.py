@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from twin.effects._parameters import AXES, parameter
 from twin.effects._prediction import Column, LogView, Signals, on_axis
 
 if TYPE_CHECKING:
+    from twin.effects._repair import Repair
     from twin.scene import Scene
 
 FloatArray = NDArray[np.float64]
@@ -50,3 +52,12 @@ class PhinsAttitudeError(PerAxis):
         return tuple(
             Column(name, Signals(phins=on_axis(axis, sine)), {"period": period}) for axis, name in enumerate(AXES)
         )
+
+    def compensate(self, repair: Repair) -> Repair:
+        """Turned back, the log's own attitude in place of the scene's."""
+        phins, back = repair.trial.phins_sub, self.model_copy(update={"x": -self.x, "y": -self.y, "z": -self.z})
+        if phins is None or phins.attitude is None:
+            return repair.noted(f"{self.name}: left in; the log has no PHINS at the sub-IMU")
+        t = repair.trial.seconds(phins.stamp)
+        attitude = back.attitude("phins_sub", t, phins.attitude, repair.scene, np.random.default_rng(0))
+        return replace(repair, trial=replace(repair.trial, phins_sub=replace(phins, attitude=attitude)))

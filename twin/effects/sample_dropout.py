@@ -24,6 +24,7 @@ class SampleDropout(Effect):
     length: int = parameter("samples", "of each run", prior=(1.0, 100.0), least=0, most=1e6, default=1, neutral=0)
     needs: ClassVar[tuple[str, ...]] = STAMPS
     advice: ClassVar[str] = "Look for a full buffer or a poor link between the sub-IMU and the recorder."
+    stays: ClassVar[str] = "what was lost stays lost, and the estimator bridges the gaps"
 
     def imu(self, unit: str, series: ImuSeries, scene: Scene, rng: np.random.Generator) -> ImuSeries:
         """The series without the samples of the runs."""

@@ -29,6 +29,7 @@ class SecondMode(Effect):
     axis: Axis = "x"
     advice: ClassVar[str] = "Give the estimator a second flexure mode on this axis."
     bends: ClassVar[bool] = True
+    stays: ClassVar[str] = "it is random, and the estimator follows it as it does the first mode"
 
     def flexure_density(
         self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float

@@ -31,6 +31,7 @@ class Slamming(Effect):
     axis: Axis = "x"
     advice: ClassVar[str] = "Mask the seconds after each slam, or slow down; slams carry no lasting deformation."
     bends: ClassVar[bool] = True
+    stays: ClassVar[str] = "slams are real bending at unknown times, which the estimator follows"
 
     def flexure_density(
         self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float

@@ -28,6 +28,7 @@ class ThermalBending(Effect):
         "Let the estimator follow a slow deformation (a quasi-static part), or measure in the shade."
     )
     bends: ClassVar[bool] = True
+    foretold: ClassVar[bool] = True
 
     def flexure(self, t: FloatArray, theta: FloatArray, scene: Scene, rng: np.random.Generator) -> FloatArray:
         """theta + a sin(2 pi t / period)."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physics.units import NS
 from schemas.trial import ImuSeries
@@ -13,6 +14,7 @@ from twin.effects._effect import STAMPS, Effect
 from twin.effects._parameters import parameter
 
 if TYPE_CHECKING:
+    from twin.effects._repair import Repair
     from twin.scene import Scene
 
 
@@ -32,3 +34,21 @@ class TimestampJitter(Effect):
         index = np.arange(len(series))
         stamp = np.maximum.accumulate(np.sort(series.stamp + late) - index) + index
         return replace(series, stamp=stamp)
+
+    def compensate(self, repair: Repair) -> Repair:
+        """Even stamps fitted to the recorded ones: a straight line through them, lost samples counted."""
+        index = numbered(repair.sub.stamp, self.std)
+        middle, first = index.mean(), repair.sub.stamp[0]
+        since = (repair.sub.stamp - first).astype(np.float64)
+        slope = ((index - middle) @ since) / ((index - middle) @ (index - middle))
+        even = first + np.rint(since.mean() + slope * (index - middle)).astype(np.int64)
+        return repair.with_sub(stamp=even).noted(f"{self.name}: even stamps fitted to those of the sub-IMU")
+
+
+def numbered(stamp: NDArray[np.int64], std: float) -> NDArray[np.int64]:
+    """The number (n,) of each sample, those that were lost before it counted; std: s, of the jitter."""
+    step = np.diff(stamp)
+    period = (stamp[-1] - stamp[0]) / max(len(step), 1) if 6.0 * std / NS > np.median(step) else np.median(step)
+    lost = step > 1.5 * period + 6.0 * std / NS
+    count = np.where(lost, np.maximum(np.rint(step / period), 1), 1).astype(np.int64)
+    return np.concatenate([[0], np.cumsum(count)])

@@ -42,6 +42,7 @@ class WaveForcedBending(PerAxis):
         "Model bending in proportion to roll in the estimator; with gyros alone it hurts before it shows."
     )
     bends: ClassVar[bool] = True
+    foretold: ClassVar[bool] = True
 
     def flexure(self, t: FloatArray, theta: FloatArray, scene: Scene, rng: np.random.Generator) -> FloatArray:
         """theta + k roll(t)."""
