@@ -13,11 +13,28 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 GAP_FACTOR = 1.5  # an interval longer than this many usual ones is a gap (one lost sample makes 2)
+BREAK_FACTOR = 2.0 * GAP_FACTOR  # usual intervals without a sample after which a drawn line breaks
 
 
 def usual_interval(stamp: IntArray) -> float:
     """Median sample interval in ns of stamps (n,) ns; infinite for fewer than two samples."""
     return float(np.median(np.diff(stamp))) if len(stamp) > 1 else np.inf
+
+
+def gap_starts(stamp: IntArray) -> IntArray:
+    """Indices k after which stamps (n,) ns pause: stamp[k + 1] comes more than a few usual intervals later."""
+    return np.flatnonzero(np.diff(stamp) > BREAK_FACTOR * usual_interval(stamp)).astype(np.int64)
+
+
+def attitude_samples(stamp: IntArray, attitude: FloatArray | None) -> tuple[IntArray, FloatArray] | None:
+    """Stamps and unit quaternions of those samples (n, 4) that are an attitude; None when fewer than two are."""
+    if attitude is None:
+        return None
+    norm = np.linalg.norm(attitude, axis=1)
+    good = np.isfinite(norm) & (norm > 0.5)
+    if good.sum() < 2:
+        return None
+    return stamp[good], attitude[good] / norm[good, None]
 
 
 def bracket(stamp: IntArray, at: IntArray) -> tuple[IntArray, FloatArray, BoolArray]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from physics import quaternions, rotations
-from physics.interpolation import GAP_FACTOR, slerp_quaternions, usual_interval
+from physics.interpolation import GAP_FACTOR, attitude_samples, slerp_quaternions, usual_interval
 from schemas.installation import main_installation
 from schemas.products import Deformation
 from schemas.rig import FloatArray
@@ -53,13 +53,7 @@ def _attitude_of_main(deformation: Deformation, trial: Trial) -> tuple[IntArray,
 
 
 def _samples(series: ImuSeries | None) -> tuple[IntArray, FloatArray] | None:
-    if series is None or series.attitude is None:
-        return None
-    norm = np.linalg.norm(series.attitude, axis=1)
-    good = np.isfinite(norm) & (norm > 0.5)
-    if good.sum() < 2:
-        return None
-    return series.stamp[good], series.attitude[good] / norm[good, None]
+    return attitude_samples(series.stamp, series.attitude) if series is not None else None
 
 
 def _gyro_attitude(deformation: Deformation, main: ImuSeries) -> tuple[IntArray, FloatArray]:

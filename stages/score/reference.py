@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from physics import quaternions, rotations
-from physics.interpolation import BoolArray, slerp_quaternions, usual_interval
+from physics.interpolation import BoolArray, attitude_samples, slerp_quaternions, usual_interval
 from schemas.installation import main_installation, sub_installation
 from schemas.products import Alignment
 from schemas.rig import FloatArray
@@ -62,14 +62,7 @@ def phins_reference(trial: Trial, alignment: Alignment, at: IntArray) -> tuple[R
 
 
 def _attitude(series: ImuSeries | None) -> tuple[IntArray, FloatArray] | None:
-    """Stamps and quaternions of ``R_n_p`` of the samples that have an attitude; None when fewer than two do."""
-    if series is None or series.attitude is None:
-        return None
-    norm = np.linalg.norm(series.attitude, axis=1)
-    good = np.isfinite(norm) & (norm > 0.5)
-    if good.sum() < 2:
-        return None
-    return series.stamp[good], series.attitude[good] / norm[good, None]
+    return attitude_samples(series.stamp, series.attitude) if series is not None else None
 
 
 def _quaternion(matrix: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from schemas.rig import FloatArray
+from stages.publish.axis import Axis
 from stages.publish.recording.scene import Colour
 
 WIDTH, HEIGHT = 160.0, 80.0
@@ -22,39 +23,6 @@ FRAME: Colour = (120, 120, 125)
 GRID: Colour = (58, 58, 62)
 ZONE: Colour = (150, 40, 40)
 TEXT: Colour = (200, 200, 205)
-
-
-@dataclass(frozen=True)
-class Axis:
-    """Limits in data units, or their powers of ten when log; label with unit; scale divides what ticks show."""
-
-    low: float
-    high: float
-    label: str
-    log: bool = False
-    scale: float = 1.0
-
-    def place(self, value: FloatArray) -> FloatArray:
-        """0 at low, 1 at high; NaN for what a logarithm cannot show."""
-        if self.log:
-            value = np.log10(np.where(value > 0, value, np.nan))
-            return (value - np.log10(self.low)) / (np.log10(self.high) - np.log10(self.low))
-        return (value - self.low) / (self.high - self.low)
-
-    def ticks(self) -> list[float]:
-        """Round numbers within the limits."""
-        if self.log:
-            first, last = np.ceil(np.log10(self.low) - 1e-9), np.floor(np.log10(self.high) + 1e-9)
-            step = max(1, round((last - first) / 6))
-            return [float(10.0**k) for k in np.arange(first, last + 0.5, step)]
-        step = _round_step((self.high - self.low) / 6)
-        first = np.ceil(self.low / step - 1e-9)
-        return [float(k * step) for k in np.arange(first, np.floor(self.high / step + 1e-9) + 0.5)]
-
-    def text(self, tick: float) -> str:
-        """What stands at a tick."""
-        shown = tick / self.scale
-        return f"{0.0 if abs(shown) < 1e-12 else shown:.6g}"
 
 
 @dataclass(frozen=True)
@@ -189,19 +157,3 @@ def _text(
         draw_order=50.0,
     )
     rec.log(entity, points, static=True)
-
-
-def _round_step(raw: float) -> float:
-    """The round number 1, 2 or 5 times a power of ten next above raw."""
-    if not np.isfinite(raw) or raw <= 0:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(raw))
-    return float(next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= raw * (1 - 1e-9)))
-
-
-def span_of(values: Sequence[FloatArray], margin: float = 0.06) -> tuple[float, float]:
-    """Limits that hold all finite values, zero included, with a margin."""
-    finite = np.concatenate([np.ravel(v)[np.isfinite(np.ravel(v))] for v in values] + [np.zeros(1)])
-    low, high = float(finite.min()), float(finite.max())
-    pad = margin * (high - low) or 1.0
-    return low - pad, high + pad

@@ -8,7 +8,8 @@ import rerun.blueprint as rrb
 
 from schemas.products import DeckPass, DeckShape
 from schemas.rig import FloatArray
-from stages.publish.recording.chart import Axis, Chart, Curve, chart_view, log_chart, span_of
+from stages.publish.axis import Axis, span_of
+from stages.publish.recording.chart import Chart, Curve, chart_view, log_chart
 from stages.publish.recording.scene import BLUE, GREY, RED, Colour, Scene
 from stages.publish.recording.ship import straight_path
 from stages.publish.summary import intervals

@@ -14,14 +14,13 @@ import numpy as np
 import rerun as rr
 from rerun.blueprint import Blueprint
 
-from physics.interpolation import GAP_FACTOR, usual_interval
+from physics.interpolation import gap_starts, usual_interval
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
 from stages.publish.recording.scene import Colour
 
 SLICE = 65_536  # rows per chunk: smaller chunks cost space, larger ones cost the viewer
 TRIAL, UTC = "trial_time", "utc"
-BREAK_FACTOR = 2.0 * GAP_FACTOR  # usual intervals without a sample after which a drawn line breaks
 
 
 def open_recording(path: Path, blueprint: Blueprint, name: str) -> rr.RecordingStream:
@@ -138,11 +137,6 @@ def _slices(stamp: IntArray, values: FloatArray):  # type: ignore[no-untyped-def
 def drawn(values: FloatArray) -> FloatArray:
     """Values to the seven digits of single precision: the file compresses better and no eye sees the rest."""
     return np.asarray(values, dtype=float).astype(np.float32).astype(float)
-
-
-def gap_starts(stamp: IntArray) -> IntArray:
-    """Indices k after which a gap follows: stamp[k + 1] comes more than a few usual intervals later."""
-    return np.flatnonzero(np.diff(stamp) > BREAK_FACTOR * usual_interval(stamp)).astype(np.int64)
 
 
 def break_gaps(stamp: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 
 from physics.units import ARCMIN
+from stages.publish.axis import Axis, round_step, span_of
 from stages.publish.recording.accuracy import data_lane, phase_lane, windowed_rms
-from stages.publish.recording.chart import Axis, Chart, Curve, _pieces, _round_step, span_of
+from stages.publish.recording.chart import Chart, Curve, _pieces
 from stages.publish.recording.deck import averaged
 from stages.publish.recording.overview import running_rmse
 from stages.publish.recording.ship import SHOWN_SHARE, bending_factor, bent_line, curvature_colours, outline, round_down
-from stages.publish.recording.spectra import (
+from stages.publish.recording.stream import break_gaps, thin_extremes
+from stages.publish.spectrum import (
     measured_autocorrelation,
     measured_spectrum,
     model_autocorrelation,
     model_spectrum,
 )
-from stages.publish.recording.stream import break_gaps, thin_extremes
 from tests.stages import synthetic_result as synthetic
 
 MODEL = synthetic.case(duration=5.0, gap=None, with_phins=False, with_deck=False).result.deformation.flexure
@@ -145,8 +146,8 @@ def test_curves_are_cut_at_the_frame_and_at_nan():
 
 
 def test_steps_and_spans_are_fit_to_be_read():
-    assert _round_step(0.37) == 0.5
-    assert _round_step(0.0) == 1.0
+    assert round_step(0.37) == 0.5
+    assert round_step(0.0) == 1.0
     low, high = span_of([np.array([1.0, np.nan, 3.0])])
     assert low < 0.0 < 3.0 < high
 

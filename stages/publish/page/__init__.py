@@ -1,0 +1,1 @@
+"""Pages: what was found, as one self-contained HTML file that is readable on paper."""
