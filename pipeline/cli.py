@@ -29,6 +29,7 @@ Rig = Annotated[Path | None, typer.Option("--rig", metavar="RIG.toml", help="Rig
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 Identifier = Annotated[str, typer.Option("--identifier", metavar="NAME", help="How the flexure is identified.")]
 Shape = Annotated[str | None, typer.Option("--shape", metavar="NAME", help="How the deck's shape is found.")]
+Report = Annotated[Path | None, typer.Option("--report", metavar="OUT.html", help="Page to write, for reading.")]
 Rate = Annotated[float | None, typer.Option("--rrd-rate", metavar="HZ", min=0.01, help="Thin the recording.")]
 
 
@@ -65,6 +66,7 @@ def run(
     rig: Rig = None,
     only_estimates: Annotated[bool, typer.Option("--only-estimates", help="Leave the original channels out.")] = False,
     rrd_rate: Rate = None,
+    report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Find the deck's deformation in a log and write it as new channels and as a recording."""
@@ -76,7 +78,7 @@ def run(
     named("identify", "--identifier", identifier)
     named("shape", "--shape", shape)
     options = RunOptions(estimator, identifier, shape, rig)
-    outputs = Outputs(output, rrd, parquet, only_estimates, rrd_rate)
+    outputs = Outputs(output, rrd, parquet, only_estimates, rrd_rate, report)
     check_inputs(log, rig)
     check_outputs(outputs, log, rig)
     with console.progress_bar() as progress:
@@ -97,6 +99,7 @@ def compare(
     rig: Rig = None,
     rrd: Annotated[Path | None, typer.Option("--rrd", metavar="OUT.rrd", help="Rerun recording to write.")] = None,
     rrd_rate: Rate = None,
+    report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Run several estimators on one log and print their errors side by side."""
@@ -108,7 +111,7 @@ def compare(
         named("estimate", "--estimator", name)
     named("identify", "--identifier", identifier)
     check_inputs(log, rig)
-    outputs = Outputs(rrd=rrd, rrd_rate=rrd_rate)
+    outputs = Outputs(rrd=rrd, rrd_rate=rrd_rate, report=report)
     check_outputs(outputs, log, rig)
     options = RunOptions(identifier=identifier, rig=rig)
     with console.progress_bar() as progress:

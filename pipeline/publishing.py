@@ -1,10 +1,11 @@
-"""Writing what a run found: log, recording, Parquet tables; all of them whole, or none."""
+"""Writing what a run found: log, recording, page, Parquet tables; all of them whole, or none."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 from pipeline.files import check_targets, staged, writing
@@ -20,7 +21,7 @@ Writer = Callable[[Path], None]
 class Outputs:
     """Files to write; None: not wanted. rrd_rate: Hz at most in the recording (None: every sample).
 
-    only_estimates: leave the original channels out of the log. parquet: a directory for tables.
+    only_estimates: leave the original channels out of the log. parquet: a directory for tables. report: an HTML page.
     """
 
     log: Path | None = None
@@ -28,11 +29,13 @@ class Outputs:
     parquet: Path | None = None
     only_estimates: bool = False
     rrd_rate: float | None = None
+    report: Path | None = None
 
     @property
     def files(self) -> dict[str, Path]:
-        """Log and recording, as far as they are wanted."""
-        return {kind: path for kind, path in (("log", self.log), ("recording", self.rrd)) if path is not None}
+        """Log, recording and page, as far as they are wanted."""
+        named = {"log": self.log, "recording": self.rrd, "report": self.report}
+        return {kind: path for kind, path in named.items() if path is not None}
 
 
 def check_outputs(outputs: Outputs, log: Path, rig: Path | None = None) -> None:
@@ -51,6 +54,7 @@ def write_outputs(run: LogRun, outputs: Outputs, progress: Progress | None = Non
     writers: dict[str, Writer] = {
         "log": lambda path: _write_log(path, run, outputs),
         "recording": lambda path: _write_recording(path, run, outputs),
+        "report": lambda path: _write_page(path, run),
     }
     steps = Steps(progress, dict(run.seconds))
     with steps.step("write"):
@@ -59,16 +63,31 @@ def write_outputs(run: LogRun, outputs: Outputs, progress: Progress | None = Non
 
 
 def write_comparison(runs: Sequence[LogRun], outputs: Outputs, progress: Progress | None = None) -> dict[str, str]:
-    """One recording with every estimator's curves in it, if it is wanted. Raises DataError."""
+    """One recording and one page with every estimator's curves, as far as they are wanted. Raises DataError."""
+    results, decoded = [run.result for run in runs], runs[0].decoded
 
-    def write(path: Path) -> None:
-        from stages.publish.recording.comparison import write_comparison as record
+    def record(path: Path) -> None:
+        from stages.publish.recording.comparison import write_comparison
 
-        decoded = runs[0].decoded
-        record([run.result for run in runs], decoded.trial, decoded.truth, path, outputs.rrd_rate)
+        write_comparison(results, decoded.trial, decoded.truth, path, outputs.rrd_rate)
+
+    def report(path: Path) -> None:
+        from stages.publish.page.comparison import comparison_page
+
+        save_page(comparison_page(results, decoded.trial, now()), path)
 
     with Steps(progress).step("write"):
-        return _write_all(outputs.files, {"recording": write}, dict)
+        return _write_all(outputs.files, {"recording": record, "report": report}, dict)
+
+
+def save_page(page: str, path: Path) -> None:
+    """Write a page as UTF-8."""
+    path.write_text(page, encoding="utf-8")
+
+
+def now() -> str:
+    """The time a page is made, as text."""
+    return datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def _write_all(
@@ -107,6 +126,12 @@ def _write_recording(path: Path, run: LogRun, outputs: Outputs) -> None:
     from stages.publish.rerun_bridge import write_recording
 
     write_recording(run.result, run.decoded.trial, run.decoded.truth, path, outputs.rrd_rate)
+
+
+def _write_page(path: Path, run: LogRun) -> None:
+    from stages.publish.page.run import run_page
+
+    save_page(run_page(run.result, run.decoded.trial, now()), path)
 
 
 def _write_parquet(run: LogRun, directory: Path | None) -> dict[str, str]:

@@ -31,6 +31,7 @@ class Line:
     name: str = ""
     width: float = 1.3
     dashed: bool = False
+    opacity: float = 1.0
     breaks: float = np.inf
 
 
@@ -133,7 +134,9 @@ def _line(one: Plot, line: Line) -> Html:
     points = _xy(one, x, y)
     d = "".join(_path(points[run]) for run in finite_runs(points))
     dash = "5 3" if line.dashed else None
-    return tag("path", d=d, fill="none", stroke=line.colour, stroke_width=line.width, stroke_dasharray=dash)
+    faint = line.opacity if line.opacity < 1 else None
+    style = {"stroke_width": line.width, "stroke_dasharray": dash, "stroke_opacity": faint}
+    return tag("path", d=d, fill="none", stroke=line.colour, **style)
 
 
 def _band(one: Plot, band: Band) -> Html:

@@ -23,7 +23,7 @@ def text(value: object) -> Html:
     return Html(escape(shown, quote=True))
 
 
-def tag(name: str, *children: object, **attributes: object) -> Html:
+def tag(name: str, /, *children: object, **attributes: object) -> Html:
     """``<name attributes>children</name>``; an underscore in an attribute's name is a hyphen, None leaves it out."""
     given = {key.rstrip("_").replace("_", "-"): value for key, value in attributes.items() if value is not None}
     stated = "".join(f' {key}="{text(value)}"' for key, value in given.items())
