@@ -10,7 +10,7 @@ from tests.twin.worlds import angle_between, enu_to_inertial, perfect
 from twin import make_twin, simulate
 from twin.sampling import mean_force, substeps
 from twin.sea import realise
-from twin.simulation import STREAMS, make_world
+from twin.simulation import STREAMS, make_world, nodes
 
 STIFF = {"std_arcmin": [0.0] * 3}
 LIVELY = {"damping": [0.3] * 3, "frequency": [0.8, 0.6, 0.5], "std_arcmin": [6.0, 6.0, 10.0]}
@@ -88,7 +88,7 @@ def test_force_means_do_not_change_when_the_quadrature_is_refined(cutoff: float,
     world = world_of(twin)
     every = world.per_sample
     assert every == substeps(50.0, cutoff) == 4
-    force = world.sub(world.scene.motion(world.nodes(10, 400))).force
+    force = world.sub(world.scene.motion(nodes(10, 400, every, 50.0))).force
     fine, coarse = mean_force(force, every), mean_force(force[::2], 2)
     assert np.abs(fine - coarse).max() < limit
     np.testing.assert_allclose(fine.mean(axis=0), coarse.mean(axis=0), atol=1e-6)
