@@ -1,38 +1,50 @@
 """The twin's prediction of a log and what is left of it: nuisances re-fitted, innovations whitened.
 
 Nuisances (biases, static angle, how flexure moves the lever arm, PHINS installation) are regressors with the prior that
-a twin deserves; flexure, displacement noise and the PHINS' noise are fitted by likelihood. What is left is white where
-the twin is right.
+a twin deserves; flexure, displacement and accelerometer noise and the PHINS' noise are fitted by likelihood. What is left
+is white where the twin is right.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import butter, lfilter, sosfiltfilt
+from scipy.spatial.transform import Rotation
 
-from physics.units import ARCMIN, DEG, DEG_PER_HOUR, MICRO_G
+from physics import quaternions
+from physics.kalman import SparseModel, run_filter
+from physics.rotations import exp
+from physics.units import ARCMIN, DEG_PER_HOUR, MICRO_G
 from schemas.products import Alignment, FlexureModel
 from schemas.rig import FloatArray
 from stages import identify
 from stages.diagnose import whitening
-from stages.diagnose.columns import Response
+from stages.diagnose.columns import Response, trapezoid_means
 from stages.diagnose.evidence import solve
-from stages.diagnose.view import Believed, with_mean
-from stages.diagnose.whitening import PhinsMatch, PhinsNoise, Whitened
-from stages.estimate import model as m
+from stages.diagnose.view import Believed
+from stages.diagnose.whitening import AccelColour, Levels, PhinsMatch, Whitened
 from stages.estimate import tuning
-from stages.paired import Linearisation, Observations, observe, pair
+from stages.paired import Linearisation, Observations, Paired, observe, pair
 from twin.effects._prediction import Signals, on_axis
 
-ROUNDS = 4
 GYRO_BIAS = 0.05 * DEG_PER_HOUR  # how far a twin's figure may be off without being a gap, one sigma
 ACCEL_BIAS = 50.0 * MICRO_G
 STATIC = 5.0 * ARCMIN
+COLOUR = 20.0 * MICRO_G  # where the search for the accelerometers' coloured noise begins
+COLOUR_TAU = 3.0  # s
 INSTALLATION = 2.0 * ARCMIN
 COUPLING_SHARE = 0.1  # of the lever arm
-KAPPA = 0.1
-PHINS_FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
+LAGGING_HZ = (0.5, 2.0, 8.0)
+IN_PHASE_HZ = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0)
+FACTORS = ((0.03, 0.2, 1.0, 5.0, 30.0), (0.25, 0.5, 1.0, 2.0, 4.0), (0.4, 0.65, 1.0, 1.5, 2.5), (0.7, 0.85, 1.0, 1.2, 1.4))
+JITTER, VELOCITY = 2e-5, 1e-5  # m, m/s, where the search begins; the floors are those of rounding
+
+Factors = tuple[float, ...]
+Change = Callable[[Levels, FloatArray], Levels]
+STATES = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -46,16 +58,15 @@ class Nuisance:
 
 @dataclass(frozen=True)
 class Baseline:
-    """One linearisation of a log, whitened. residual: (N, 9), innovations without the nuisances' fit."""
+    """One linearisation of a log, whitened; columns: (N, 9, K) of the nuisances, whitened."""
 
     source: Believed
-    alignment: Alignment
     at: Linearisation
+    paired: Paired
     obs: Observations
     match: PhinsMatch | None
     flexure: FlexureModel
-    noise: m.Noise
-    phins: PhinsNoise
+    levels: Levels
     whitened: Whitened
     nuisances: tuple[Nuisance, ...]
     columns: FloatArray
@@ -71,76 +82,226 @@ class Baseline:
         """(K,) of the nuisances' priors."""
         return np.array([1.0 / n.sigma**2 for n in self.nuisances])
 
+    def residual(self) -> FloatArray:
+        """(N, 9) innovations less the nuisances' fit, NaN where masked."""
+        return residual(self.whitened, self.columns, self.precision)
 
-def baseline(source: Believed, alignment: Alignment) -> Baseline:
-    """Whiten a log about what its twin says. Raises DataError where the units hardly overlap."""
-    alignment = with_mean(alignment, source.twin.mount.time_delay)
-    flexure = tuning.separable(identify.get("whittle")().identify(source.trial, alignment))
-    at = Linearisation.at(alignment, source.lever_arm)
-    obs = observe(pair(source.trial, alignment), at)
+
+def baseline(source: Believed, coarse: Alignment) -> Baseline:
+    """Whiten a log about what its twin says; coarse: what the log's alignment says, to carry units across gaps.
+
+    Raises DataError where the units hardly overlap.
+    """
+    believed = _aligned(source, coarse)
+    paired = pair(source.trial, believed)
+    flexure = tuning.separable(identify.get("whittle")().identify(source.trial, believed))
+    at = Linearisation.at(believed, source.lever_arm)
+    obs = observe(paired, at)
     match = whitening.phins_match(source.trial, obs)
-    noise = tuning.with_flexure(tuning.initial(alignment, flexure, source.trial.rig), flexure)
-    phins = whitening.phins_noise(source.twin.phins)
     response = Response(obs, at.R_ref, at.coupling)
-    obs, match = _less_static(source, obs, match, response)
     nuisances = _nuisances(obs, at, response)
-    stacked = np.stack([n.column for n in nuisances], axis=2)
-    precision = np.array([1.0 / n.sigma**2 for n in nuisances])
-    for _ in range(ROUNDS):
-        model = whitening.build(obs, noise, at.coupling, match, phins)
-        whitened = whitening.whiten(model, obs)
-        columns = whitening.whiten_columns(whitened, stacked)
-        noise, phins = _tuned(noise, phins, whitened, columns, precision)
-    return Baseline(source, alignment, at, obs, match, flexure, noise, phins, whitened, nuisances, columns, response)
+    noise = tuning.with_flexure(tuning.initial(believed, flexure, source.trial.rig), flexure)
+    noise = replace(noise, jitter=np.full(3, JITTER), velocity=np.full(3, VELOCITY))
+    tuner = _Tuner(obs, at, match, nuisances)
+    colour = AccelColour(np.full(3, COLOUR), COLOUR_TAU)
+    levels = tuner.tuned(Levels(noise, colour, whitening.phins_noise(source.twin.phins)))
+    whitened, columns = tuner.whitened(levels)
+    return Baseline(source, at, paired, obs, match, flexure, levels, whitened, nuisances, columns, response)
 
 
-def _less_static(source, obs, match, response):  # type: ignore[no-untyped-def]
-    return obs, match
+def _aligned(source: Believed, coarse: Alignment) -> Alignment:
+    """Static angle and delay as the twin says: what the log adds to them is for the regression to find."""
+    mount = source.twin.mount
+    delay = replace(coarse.time_delay, value=np.array(mount.time_delay))
+    return replace(
+        coarse, rotation=exp(source.static), static=replace(coarse.static, value=source.static), time_delay=delay
+    )
+
+
+@dataclass(frozen=True)
+class _Tuner:
+    obs: Observations
+    at: Linearisation
+    match: PhinsMatch | None
+    nuisances: tuple[Nuisance, ...]
+
+    @property
+    def raw(self) -> FloatArray:
+        return np.stack([n.column for n in self.nuisances], axis=2)
+
+    @property
+    def precision(self) -> FloatArray:
+        return np.array([1.0 / n.sigma**2 for n in self.nuisances])
+
+    def whitened(self, levels: Levels) -> tuple[Whitened, FloatArray]:
+        """Innovations and nuisances, both scaled so that what the nuisances leave has unit variance per channel."""
+        found = whitening.whiten(self._model(levels), self.obs)
+        left = residual(found, whitening.whiten_columns(found, self.raw), self.precision)
+        found = whitening.rescaled(found, left)
+        return found, whitening.whiten_columns(found, self.raw)
+
+    def _model(self, levels: Levels) -> SparseModel:
+        return whitening.build(self.obs, levels, self.at.coupling, self.match)
+
+    def tuned(self, levels: Levels) -> Levels:
+        """All noise by likelihood of the log less its nuisances."""
+        for factors in FACTORS:
+            found, columns = self.whitened(levels)
+            levels = self._less(_fit(found, columns, self.precision)).climbed(levels, factors)
+        return levels
+
+    def _less(self, value: FloatArray) -> _Tuner:
+        """The same with the nuisances' fit taken off the observations."""
+        off = self.raw @ value
+        obs = replace(self.obs, z=self.obs.z - off[:, :3], u=self.obs.u - off[:, 3:6])
+        match = None if self.match is None else replace(self.match, q=self.match.q - off[:, 6:9])
+        return replace(self, obs=obs, match=match)
+
+    def climbed(self, levels: Levels, factors: Factors) -> Levels:
+        """One round over all levels, a factor at a time."""
+        changes: list[Change] = [_jitter, _velocity, _colour, _accel, _colour_tau]
+        if self.match is not None:
+            changes += [_white, _drift, _tau]
+        for change in changes:
+            levels = self._chosen(levels, change, factors)
+        return levels
+
+    def _chosen(self, levels: Levels, change: Change, factors: Factors) -> Levels:
+        """The factor on one level that is most likely; axes apart where they have levels of their own."""
+        told = np.stack([self.channels(change(levels, np.full(3, f))) for f in factors])
+        if change in PER_AXIS:
+            return change(levels, np.array(factors)[np.argmax(told[:, 3:6], axis=0)])
+        return change(levels, np.full(3, factors[int(np.argmax(told.sum(axis=1)))]))
+
+    def channels(self, levels: Levels) -> FloatArray:
+        """(9,) log-likelihood of the innovations of each channel."""
+        found = run_filter(self._model(levels), STATES, keep=False)
+        S = found.innovation_variance
+        return np.asarray(-0.5 * np.nansum(np.log(S) + found.innovation**2 / S, axis=0))
+
+
+def _jitter(levels: Levels, factor: FloatArray) -> Levels:
+    jitter = np.maximum(factor * levels.noise.jitter, 1e-8)
+    return replace(levels, noise=replace(levels.noise, jitter=jitter))
+
+
+def _velocity(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, noise=replace(levels.noise, velocity=np.maximum(factor * levels.noise.velocity, 1e-8)))
+
+
+def _accel(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, noise=replace(levels.noise, accel=float(factor[0]) * levels.noise.accel))
+
+
+def _colour(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, colour=replace(levels.colour, std=np.maximum(factor * levels.colour.std, 1e-7)))
+
+
+def _colour_tau(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, colour=replace(levels.colour, tau=float(np.clip(factor[0] * levels.colour.tau, 0.3, 100.0))))
+
+
+def _white(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, phins=replace(levels.phins, white=float(factor[0]) * levels.phins.white))
+
+
+def _drift(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, phins=replace(levels.phins, drift=factor[0] * levels.phins.drift))
+
+
+def _tau(levels: Levels, factor: FloatArray) -> Levels:
+    phins, f = levels.phins, float(factor[0])
+    return replace(levels, phins=replace(phins, tau=f * phins.tau, drift=np.sqrt(f) * phins.drift))
+
+
+PER_AXIS = (_jitter, _velocity, _colour)
 
 
 def _nuisances(obs: Observations, at: Linearisation, response: Response) -> tuple[Nuisance, ...]:
-    n = len(obs.t)
-    ones = np.ones(n)
-    out = []
-    for axis, name in enumerate("xyz"):
-        one = on_axis(axis, ones)
-        out.append(Nuisance(f"gyro bias {name}", response(Signals(gyro=one)), GYRO_BIAS))
-        out.append(Nuisance(f"accel bias {name}", response(Signals(accel=one)), ACCEL_BIAS))
-        out.append(Nuisance(f"static {name}", response(Signals(mount=one)), STATIC))
-        out.append(Nuisance(f"installation {name}", response(Signals(phins=one)), INSTALLATION))
-        rolling = on_axis(axis, np.ones(len(obs.index)))
-    rate, mean = np.zeros_like(obs.z), np.zeros_like(obs.z)
-    z = np.nan_to_num(obs.z)
-    rate[1:], mean[1:] = np.diff(z, axis=0) / obs.dt[1:, None], 0.5 * (z[1:] + z[:-1])
+    one = np.ones(len(obs.t))
+    kinds: tuple[tuple[str, Callable[[FloatArray], Signals], float], ...] = (
+        ("gyro bias", lambda x: Signals(gyro=x), GYRO_BIAS),
+        ("accel bias", lambda x: Signals(accel=x), ACCEL_BIAS),
+        ("static", lambda x: Signals(mount=x), STATIC),
+        ("installation", lambda x: Signals(phins=x), INSTALLATION),
+    )
+    constants = [
+        Nuisance(f"{kind} {'xyz'[axis]}", response(signals(on_axis(axis, one))), sigma)
+        for kind, signals, sigma in kinds
+        for axis in range(3)
+    ]
+    return (*constants, *_couplings(obs, at))
+
+
+def _couplings(obs: Observations, at: Linearisation) -> list[Nuisance]:
+    """How flexure moves the lever arm: each element of B, and each column's share above a corner frequency.
+
+    The lever follows flexure only below some frequency, with a lag or without: what it lacks is a mixture of
+    ``theta - LP(theta)`` over corners, with first-order filters of either kind.
+    """
+    theta = full_rate(obs, at.R_ref)
     size = COUPLING_SHARE * max(float(np.linalg.norm(at.lever_arm)), 1.0)
-    for i in range(3):
-        for j in range(3):
-            column = np.zeros((len(obs.index), 9))
-            column[:, 3 + i] = rate[:, j]
-            column[:, 3:6] += np.cross(obs.omega, on_axis(i, mean[:, j]))
-            out.append(Nuisance(f"coupling {'xyz'[i]}{'xyz'[j]}", column, size))
-    for j in range(3):
-        column = np.zeros((len(obs.index), 9))
-        column[:, 3:6] = np.cross(obs.omega, mean[:, [j]] * at.coupling[:, j])
-        out.append(Nuisance(f"slow coupling {'xyz'[j]}", column, KAPPA))
-    return tuple(out)
+    moved = _moved(obs, theta)
+    out = [
+        Nuisance(f"coupling {'xyz'[i]}{'xyz'[j]}", _on_u(moved(theta, np.eye(3)[i][:, None] * np.eye(3)[j])), size)
+        for i in range(3)
+        for j in range(3)
+    ]
+    step = float(np.median(np.diff(obs.t)))
+    for kind, corners in (("lagging", LAGGING_HZ), ("in phase", IN_PHASE_HZ)):
+        for corner in corners:
+            lost = _low_pass(theta, min(corner * step, 0.45), kind == "in phase") - theta
+            for j in range(3):
+                column = _on_u(moved(lost, at.coupling[:, [j]] * np.eye(3)[j]))
+                out.append(Nuisance(f"lever {kind} {corner:g} Hz {'xyz'[j]}", column, 1.0))
+    return out
 
 
-def _tuned(
-    noise: m.Noise, phins: PhinsNoise, whitened: Whitened, columns: FloatArray, precision: FloatArray
-) -> tuple[m.Noise, PhinsNoise]:
-    """Displacement noise that makes what the nuisances leave of u white with unit variance."""
-    left = residual(whitened, columns, precision)
-    root = np.sqrt(whitened.filtered.innovation_variance[:, 3:6]) * whitened.scale[3:6]
-    noise = tuning.with_jitter(noise, left[:, 3:6] * root, whitened.filtered.innovation_variance[:, 3:6])
-    return noise, phins
+def full_rate(obs: Observations, R_ref: FloatArray) -> FloatArray:
+    """(n, 3) rad, Log(Y R_ref^T) at the samples."""
+    back = quaternions.exp(-Rotation.from_matrix(R_ref).as_rotvec())
+    Y = quaternions.multiply(quaternions.conjugate(obs.main.attitude), obs.sub.attitude)
+    return quaternions.log(quaternions.multiply(Y, back[None, :]))
+
+
+def _moved(obs: Observations, theta: FloatArray) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Velocity (N, 3) that a displacement B angle (n, 3) of the lever arm shows in u."""
+
+    def velocity(angle: FloatArray, B: FloatArray) -> FloatArray:
+        moved = angle @ B.T
+        out = np.cross(obs.omega, trapezoid_means(moved, obs.index))
+        at_steps = moved[obs.index]
+        out[1:] += np.diff(at_steps, axis=0) / obs.dt[1:, None]
+        return out
+
+    return velocity
+
+
+def _low_pass(x: FloatArray, corner: float, in_phase: bool) -> FloatArray:
+    """Corner as a share of the rate: first order and lagging, or second-order Butterworth from either side, in phase."""
+    start = x[0]
+    if in_phase:
+        sos = butter(2, 2.0 * corner, output="sos")
+        return np.asarray(sosfiltfilt(sos, x - start, axis=0) + start)
+    a = np.exp(-2.0 * np.pi * corner)
+    return np.asarray(lfilter([1.0 - a], [1.0, -a], x - start, axis=0) + start)
+
+
+def _on_u(u: FloatArray) -> FloatArray:
+    return np.hstack([np.zeros_like(u), u, np.zeros_like(u)])
+
+
+def _fit(whitened: Whitened, columns: FloatArray, precision: FloatArray) -> FloatArray:
+    ok = np.isfinite(whitened.values)
+    Z = np.column_stack([columns[ok], whitened.values[ok]])
+    return solve(Z.T @ Z, precision, range(columns.shape[2])).value
 
 
 def residual(whitened: Whitened, columns: FloatArray, precision: FloatArray) -> FloatArray:
     """(N, m) innovations less the nuisances' fit, NaN where masked."""
-    y = whitened.values
-    ok = np.isfinite(y)
-    X, v = columns[ok], y[ok]
-    Z = np.column_stack([X, v])
-    value = solve(Z.T @ Z, precision, range(X.shape[1])).value
-    return np.asarray(y - columns @ value)
+    return np.asarray(whitened.values - columns @ _fit(whitened, columns, precision))
+
+
+def names(items: Sequence[Nuisance]) -> tuple[str, ...]:
+    """Of the regressors, in order."""
+    return tuple(item.name for item in items)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from physics import quaternions
+from physics.rotations import log
 from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
-from schemas.products import Alignment
 from schemas.rig import FloatArray, ImuGrade, Rig
 from schemas.trial import ImuSeries, Trial
 from stages.paired import Observations
 from twin.config import Imu, Twin
 from twin.effects._prediction import LogView
-from twin.sensors import gyro_matrix
+from twin.sensors import gyro_matrix, installation
 
 QUASI_STATIC_LEAST = 1e-6  # arcmin
 
@@ -40,8 +41,12 @@ class Believed:
 def believed(trial: Trial, twin: Twin) -> Believed:
     """Gyros and accelerometers of both units without the biases, scale factors and skew of the twin."""
     main, sub = _corrected(trial.main, twin.imu.main), _corrected(trial.sub, twin.imu.sub)
+    phins = {
+        "phins_main": _turned(trial.phins_main, twin.phins.installation_main_deg),
+        "phins_sub": _turned(trial.phins_sub, twin.phins.installation_sub_deg),
+    }
     rig = replace(trial.rig, main=_grade(trial.rig.main, twin.imu.main), sub=_grade(trial.rig.sub, twin.imu.sub))
-    return Believed(replace(trial, main=main, sub=sub, rig=_with_lever(rig, twin)), twin)
+    return Believed(replace(trial, main=main, sub=sub, **phins, rig=_with_lever(rig, twin)), twin)
 
 
 def _corrected(series: ImuSeries, belief: Imu) -> ImuSeries:
@@ -50,17 +55,20 @@ def _corrected(series: ImuSeries, belief: Imu) -> ImuSeries:
     return replace(series, gyro=gyro, accel=series.accel - np.array(belief.accel_bias_ug) * MICRO_G)
 
 
+def _turned(series: ImuSeries | None, angles_deg: Sequence[float]) -> ImuSeries | None:
+    """A PHINS in the axes of the IMU beside it: R_n_imu = R_n_phins R_imu_phins^T."""
+    if series is None or series.attitude is None:
+        return series
+    back = quaternions.exp(-log(installation(angles_deg)))
+    return replace(series, attitude=quaternions.multiply(series.attitude, back[None, :]))
+
+
 def _grade(stated: ImuGrade, belief: Imu) -> ImuGrade:
     return replace(stated, gyro_arw=belief.gyro_arw * DEG_PER_SQRT_HOUR, accel_vrw=belief.accel_vrw_ug * MICRO_G)
 
 
 def _with_lever(rig: Rig, twin: Twin) -> Rig:
     return replace(rig, lever_arm=np.array(twin.mount.lever_arm), lever_arm_std=0.05)
-
-
-def with_mean(alignment: Alignment, delay: float) -> Alignment:
-    """The alignment with its delay replaced by what the twin says, s."""
-    return replace(alignment, time_delay=replace(alignment.time_delay, value=np.array(delay)))
 
 
 def log_view(source: Believed, obs: Observations, R_m_s: FloatArray, theta: FloatArray) -> LogView:

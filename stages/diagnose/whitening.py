@@ -30,9 +30,8 @@ from twin.config import Phins
 
 CHANNELS = ("sub.gyro", "sub.accel", "phins_sub.attitude")
 ROWS = 9  # z, u, q
-KEPT = np.concatenate([np.arange(first, first + 3) for first in (m.ZETA, m.THETA_DOT, m.D, m.V, m.JITTER, m.JITTER_BEFORE, m.STEP_D)])  # fmt: skip # noqa: E501
-PHINS_ERROR = len(KEPT)  # the state after them
-D = int(np.flatnonzero(KEPT == m.D)[0])
+KEPT = np.concatenate([np.arange(first, first + 3) for first in (m.ZETA, m.THETA_DOT, m.D, m.V, m.JITTER, m.JITTER_BEFORE, m.STEP_D, m.NABLA)])  # fmt: skip # noqa: E501
+D, VELOCITY, COLOUR = (int(np.flatnonzero(state == KEPT)[0]) for state in (m.D, m.V, m.NABLA))
 EDGE_S = 5.0  # s left out at both ends, where interpolation and the filter's start would be tested
 OUTLIER_SIGMA = 8.0  # an innovation beyond it belongs to an event, not to a regression
 
@@ -47,12 +46,29 @@ class PhinsNoise:
 
 
 @dataclass(frozen=True)
+class AccelColour:
+    """First-order Gauss-Markov part of the accelerometers' noise: std (3,) m/s^2 per m-axis, tau s."""
+
+    std: FloatArray
+    tau: float
+
+
+@dataclass(frozen=True)
 class PhinsMatch:
     """q: (N, 3) rad, NaN where a PHINS has no attitude. C: (N, 3, 3) R_n_m^T at the steps. count: (N,) samples."""
 
     q: FloatArray
     C: FloatArray
     count: FloatArray
+
+
+@dataclass(frozen=True)
+class Levels:
+    """All noise of the model."""
+
+    noise: m.Noise
+    colour: AccelColour
+    phins: PhinsNoise
 
 
 @dataclass(frozen=True)
@@ -109,13 +125,12 @@ def step_means(values: FloatArray, index: IntArray) -> tuple[FloatArray, FloatAr
         return (total[index + 1] - total[start]) / count[:, None], count
 
 
-def build(
-    obs: Observations, noise: m.Noise, coupling: FloatArray, match: PhinsMatch | None, phins: PhinsNoise
-) -> SparseModel:
+def build(obs: Observations, levels: Levels, coupling: FloatArray, match: PhinsMatch | None) -> SparseModel:
     """The lean model: dynamic states alone, PHINS appended."""
+    noise = levels.noise
     full = m.build(obs, _without_constants(noise), coupling, np.zeros(m.SIZE))
-    lean = reduced(full, KEPT)
-    return lean if match is None else _with_phins(lean, obs, match, phins)
+    lean = _with_colour(_with_means(reduced(full, KEPT), obs, noise), obs, levels.colour)
+    return lean if match is None else _with_phins(lean, obs, match, levels.phins)
 
 
 def _without_constants(noise: m.Noise) -> m.Noise:
@@ -146,6 +161,48 @@ def reduced(model: SparseModel, kept: IntArray) -> SparseModel:
         place[model.transition_row[in_E]], place[model.transition_col[in_E]], np.ascontiguousarray(model.transition[:, in_E]),
         place[model.noise_row[in_Q]], place[model.noise_col[in_Q]], np.ascontiguousarray(model.noise[:, in_Q]),
         column, value, model.z, model.variance, model.x0[kept], np.ascontiguousarray(model.P0[np.ix_(kept, kept)]),
+    )  # fmt: skip
+
+
+def _with_colour(lean: SparseModel, obs: Observations, colour: AccelColour) -> SparseModel:
+    """The accelerometers' bias states fade and are driven."""
+    own = COLOUR + np.arange(3)
+    fade = np.exp(-obs.dt / colour.tau)
+    P0 = lean.P0.copy()
+    P0[own, own] = colour.std**2
+    return replace(
+        lean,
+        transition_row=np.concatenate([lean.transition_row, own]),
+        transition_col=np.concatenate([lean.transition_col, own]),
+        transition=np.ascontiguousarray(np.hstack([lean.transition, np.repeat(fade[:, None] - 1.0, 3, axis=1)])),
+        noise_row=np.concatenate([lean.noise_row, own]), noise_col=np.concatenate([lean.noise_col, own]),
+        noise=np.ascontiguousarray(np.hstack([lean.noise, (1.0 - fade[:, None] ** 2) * colour.std**2])), P0=P0,
+    )  # fmt: skip
+
+
+def _with_means(lean: SparseModel, obs: Observations, noise: m.Noise) -> SparseModel:
+    """u is the mean of the velocity over a step, which lags the velocity at its end by noise of its own.
+
+    With V' = w of density q over a step h: the deficit mean - end has variance q h/3 and covariance -q h/2 with V's step.
+    """
+    n, N = len(lean.x0), len(obs.dt)
+    own, q = np.arange(n, n + 3), noise.accel**2 * obs.dt[:, None]
+    A_T = np.swapaxes(obs.A_mid, 1, 2)
+    old = lean.measurement_col.shape[1]
+    column = np.hstack([lean.measurement_col, np.zeros((len(lean.measurement_col), 3), dtype=np.int64)])
+    value = np.concatenate([lean.measurement, np.zeros((N, lean.measurement.shape[1], 3))], axis=2)
+    column[3:6, old:], value[:, 3:6, old:] = own, A_T
+    P0 = np.zeros((n + 3, n + 3))
+    P0[:n, :n] = lean.P0
+    return replace(
+        lean,
+        transition_row=np.concatenate([lean.transition_row, own]),
+        transition_col=np.concatenate([lean.transition_col, own]),
+        transition=np.ascontiguousarray(np.hstack([lean.transition, np.full((N, 3), -1.0)])),
+        noise_row=np.concatenate([lean.noise_row, own, VELOCITY + np.arange(3)]),
+        noise_col=np.concatenate([lean.noise_col, own, own]),
+        noise=np.ascontiguousarray(np.hstack([lean.noise, np.repeat(q / 3.0, 3, axis=1), np.repeat(-q / 2.0, 3, axis=1)])),
+        measurement_col=column, measurement=value, x0=np.concatenate([lean.x0, np.zeros(3)]), P0=P0,
     )  # fmt: skip
 
 
@@ -197,18 +254,22 @@ def masked(obs: Observations, rows: int) -> BoolArray:
 
 
 def whiten(model: SparseModel, obs: Observations) -> Whitened:
-    """Innovations over their standard deviation; a channel whose innovations are larger or smaller is scaled."""
+    """Innovations over their standard deviation, NaN where nothing is to be tested."""
     filtered = run_filter(model, np.zeros(0, dtype=np.int64))
     values = filtered.innovation / np.sqrt(filtered.innovation_variance)
     values[masked(obs, values.shape[1])] = np.nan
-    scale = np.array([_spread(column) for column in values.T])
-    values = values / scale
-    values[np.abs(values) > OUTLIER_SIGMA] = np.nan
-    return Whitened(model, filtered, values, scale)
+    return Whitened(model, filtered, values, np.ones(values.shape[1]))
 
 
-def _spread(column: FloatArray) -> float:
-    """RMS with its tails clipped at three sigma, 1 where there is nothing."""
+def rescaled(whitened: Whitened, left: FloatArray) -> Whitened:
+    """Each channel scaled so that what is left (N, m) of it has unit variance; events far outside it masked."""
+    scale = np.array([spread(column) for column in left.T])
+    values = np.where(np.abs(left / scale) > OUTLIER_SIGMA, np.nan, whitened.values / scale)
+    return replace(whitened, values=values, scale=whitened.scale * scale)
+
+
+def spread(column: FloatArray) -> float:
+    """RMS of a channel with its tails clipped at three sigma, 1 where there is nothing."""
     x = column[np.isfinite(column)]
     if len(x) < 20:
         return 1.0
