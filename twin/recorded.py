@@ -150,14 +150,18 @@ class _Path:
     angle: BSpline
     impulse: BSpline
 
+    @cached_property
+    def _knots(self) -> tuple[FloatArray, FloatArray]:
+        """Angle and rate (m, 3) at the knots."""
+        return self.angle(self.t), self.angle(self.t, 1)
+
     def attitude(self, t: FloatArray) -> FloatArray:
         """q_0_m (n, 4): from the knot before by Exp(d + s^2/12 w_0 x w_1), exact for a rate that goes in a line."""
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
         s = (t - self.t[k])[:, None]
-        knots = self.t[k]
-        turned = self.angle(t) - self.angle(knots)
-        coning = quaternions.cross(self.angle(knots, 1), self.angle(t, 1)) * (s * s / 12.0)
-        return quaternions.multiply(self.q[k], quaternions.exp(turned + coning))
+        angle, rate = self._knots
+        coning = quaternions.cross(rate[k], self.angle(t, 1)) * (s * s / 12.0)
+        return quaternions.multiply(self.q[k], quaternions.exp(self.angle(t) - angle[k] + coning))
 
 
 def restored(series: ImuSeries, belief: Imu) -> tuple[FloatArray, FloatArray]:
