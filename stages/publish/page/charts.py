@@ -12,7 +12,7 @@ from stages.publish.axis import Axis, span_of
 from stages.publish.page.figure import BLUE, WIDTH, drawing, swatch
 from stages.publish.page.html import Html, join, tag
 
-NAME_WIDTH = 190.0
+NAME_WIDTH = 220.0
 ROW = 20.0
 MOST_COLUMNS = 160  # of a map: wider ones are summed together
 STOPS = np.array([(247, 248, 250), (253, 219, 150), (240, 130, 60), (170, 25, 45)], dtype=float)
@@ -32,13 +32,14 @@ class Bar:
 
 @dataclass(frozen=True)
 class Bars:
-    """Bars to the right of their names, on one axis. keys: (colour, name) of the legend."""
+    """Bars to the right of their names, on one axis. keys: (colour, name) of the legend. ticks: instead of round ones."""
 
     title: str
     label: str
     rows: Sequence[Bar]
     keys: Sequence[tuple[str, str]] = field(default_factory=tuple)
     limits: tuple[float, float] | None = None
+    ticks: Sequence[tuple[float, str]] = field(default_factory=tuple)
 
 
 def bars(one: Bars) -> Html:
@@ -46,8 +47,8 @@ def bars(one: Bars) -> Html:
     axis = Axis(*(one.limits or _limits(one.rows)), one.label)
     height = ROW * len(one.rows) + 38.0
     rows = [_bar(axis, row, ROW * k + 4.0) for k, row in enumerate(one.rows)]
-    svg = drawing(one.title, WIDTH, height, _ruler(axis, ROW * len(one.rows) + 4.0), *rows)
-    keys = [swatch(colour, name, True) for colour, name in one.keys]
+    svg = drawing(one.title, WIDTH, height, _ruler(axis, ROW * len(one.rows) + 4.0, one.ticks), *rows)
+    keys = [swatch(colour, name, True, 1.0) for colour, name in one.keys]
     return tag("figure", tag("figcaption", tag("strong", one.title), *keys), svg)
 
 
@@ -80,8 +81,9 @@ def _bar(axis: Axis, row: Bar, top: float) -> Html:
     return join([*parts, note])
 
 
-def _ruler(axis: Axis, height: float) -> Html:
-    xs = [(_at(axis, t), axis.text(t)) for t in axis.ticks()]
+def _ruler(axis: Axis, height: float, ticks: Sequence[tuple[float, str]]) -> Html:
+    ticks = [t for t in ticks if axis.low <= t[0] <= axis.high] or [(t, axis.text(t)) for t in axis.ticks()]
+    xs = [(_at(axis, t), shown) for t, shown in ticks]
     lines = tag("path", d="".join(f"M{x:.1f} 2v{height:g}" for x, _ in xs), class_="grid")
     texts = [tag("text", shown, x=f"{x:.1f}", y=height + 14, class_="mid") for x, shown in xs]
     middle = 0.5 * (_at(axis, axis.low) + _at(axis, axis.high))
@@ -143,5 +145,8 @@ def colour(share: float) -> str:
 
 
 def _scale(top: float, unit: str) -> list[Html]:
-    steps = [swatch(colour(share), f"{share * top:.3g}", True) for share in (0.25, 0.5, 0.75, 1.0)]
+    steps = [
+        swatch(colour(share), f"{share * top:.0f}" if top >= 100 else f"{share * top:.2g}", True, 1.0)
+        for share in (0.25, 0.5, 0.75, 1.0)
+    ]
     return [tag("span", f"in {unit}:"), *steps] if unit else steps

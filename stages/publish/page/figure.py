@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from schemas.products import BoolArray
 from schemas.rig import FloatArray
 from stages.publish.axis import Axis
 from stages.publish.page.html import Html, join, tag
@@ -130,7 +129,8 @@ def _part(one: Plot, part: Line | Band) -> Html:
 
 
 def _line(one: Plot, line: Line) -> Html:
-    x, y = extremes(*broken(line.x, line.breaks, line.y))
+    x, y = broken(line.x, line.breaks, line.y)
+    x, y = extremes(x, y)
     points = _xy(one, x, y)
     d = "".join(_path(points[run]) for run in finite_runs(points))
     dash = "5 3" if line.dashed else None
@@ -150,7 +150,7 @@ def _band(one: Plot, band: Band) -> Html:
 
 def finite_runs(points: FloatArray) -> list[slice]:
     """The stretches of points (n, 2) that are finite."""
-    good: BoolArray = np.isfinite(points).all(axis=1)
+    good = np.asarray(np.isfinite(points).all(axis=1))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
@@ -205,10 +205,10 @@ def _legend(one: Plot) -> Html:
     return tag("figcaption", tag("strong", one.title), *keys)
 
 
-def swatch(colour: str, name: str, area: bool = False) -> Html:
+def swatch(colour: str, name: str, area: bool = False, opacity: float = 0.3) -> Html:
     """A key of the legend: a stroke or an area of that colour, and its name."""
     mark = (
-        tag("rect", x=0, y=1, width=16, height=8, fill=colour, fill_opacity=0.3)
+        tag("rect", x=0, y=1, width=16, height=8, fill=colour, fill_opacity=opacity)
         if area
         else tag("path", d="M0 5h16", stroke=colour, stroke_width=2.2)
     )
