@@ -74,6 +74,7 @@ def residual(trial: Trial, alignment: Alignment, twin: Twin) -> FullRateResidual
     seen = _without_errors(sub.gyro[inside], twin.imu.sub) @ alignment.rotation.T
     good = _grown(~(sub.filled[inside] | filled), interval)
     rate, theta, lag, lag_std = _cleaned(seen - omega, omega, interval, twin)
+    lag += float(alignment.time_delay.value) - twin.mount.time_delay
     return FullRateResidual(t, interval, rate, good, omega, theta, alignment.rotation, lag, lag_std)
 
 
@@ -170,16 +171,20 @@ def _attitude(omega: FloatArray, interval: float) -> FloatArray:
 
 
 def _integrated(rate: FloatArray, attitude: FloatArray, interval: float) -> FloatArray:
-    """theta at mid-interval of theta' = rate - w x theta, that is A_m^T int A_m rate dt, mean taken out."""
+    """theta at mid-interval of theta' = rate - w x theta, that is A_m^T (c + int A_m rate dt), c such that its mean is 0.
+
+    c is what theta was at first: constant in inertial axes, so that taking the mean out in m-axes would leave products
+    of two rates of the ship.
+    """
     turned = np.cumsum(quaternions.rotate(attitude, rate), axis=0) * interval
     turned[1:] = 0.5 * (turned[1:] + turned[:-1])
-    theta = quaternions.rotate(quaternions.conjugate(attitude), turned)
-    return theta - theta.mean(axis=0)
+    to_m = quaternions.conjugate(attitude)
+    mean = quaternions.rotate(to_m, turned).mean(axis=0)
+    axes = np.stack([quaternions.rotate(to_m, np.broadcast_to(axis, turned.shape)).mean(axis=0) for axis in np.eye(3)])
+    return quaternions.rotate(to_m, turned - np.linalg.lstsq(axes.T, mean, rcond=1e-6)[0])
 
 
-def _motion(
-    rate: FloatArray, omega: FloatArray, interval: float, twin: Twin
-) -> tuple[FloatArray, float, float]:
+def _motion(rate: FloatArray, omega: FloatArray, interval: float, twin: Twin) -> tuple[FloatArray, float, float]:
     """The part (n, 3) of a rate in proportion to the ship's motion, and the lag of it, s, with its std."""
     every = max(1, int(1.0 / (COARSE_HZ * interval)))
     coarse, spacing = _means(rate, every), every * interval
