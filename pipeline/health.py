@@ -6,9 +6,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.one_log import Progress
-
 if TYPE_CHECKING:
+    from pipeline.one_log import Progress
     from stages.decode import ChannelHealth, LogHealth
 
 

@@ -15,7 +15,7 @@ from schemas.errors import DataError
 from schemas.wire.atomic import replacing
 from schemas.wire.builder import Messages
 from schemas.wire.container import File, Outline, Summary, check_attachments, file_parts, outline
-from schemas.wire.reader import Pass
+from schemas.wire.one_pass import Pass
 from schemas.wire.records import FRAME_SIZE, MESSAGE_BODY
 from schemas.wire.section import Index, SectionWriter
 from schemas.wire.table import Table

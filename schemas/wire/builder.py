@@ -12,7 +12,7 @@ from schemas.errors import DataError
 from schemas.wire.cdr import Bad, Columns, Decoder, Indices, Part
 from schemas.wire.fields import Blocks, Paths, split
 from schemas.wire.layout import items, rows_alike
-from schemas.wire.memory import fresh
+from schemas.wire.memory import Room, Supply
 from schemas.wire.table import Table
 
 
@@ -70,36 +70,43 @@ class CdrDecoder:
 class GrowingColumn:
     """A column that grows by rows, in any order. As long as all rows are alike, one of them is all that is kept."""
 
-    def __init__(self, first: NDArray[Any]) -> None:
+    def __init__(self, first: NDArray[Any], supply: Supply) -> None:
         self.shape, self.dtype = first.shape[1:], first.dtype.newbyteorder("=")
+        self._supply = supply
         self._same: NDArray[Any] | None = np.array(first[:1], self.dtype)
-        self._values = fresh((0, *self.shape), self.dtype)
+        self._room = self._larger(0)
 
     def write(self, where: Any, values: NDArray[Any], filled: int, capacity: int) -> None:
         """Put values at the rows where; the first filled rows may have been written, those of this batch included."""
         if self._same is not None:
             if _alike(values, self._same):
                 return
-            self._values = fresh((capacity, *self.shape), self.dtype)
-            self._values[:filled] = self._same  # rows of this batch that came before included
+            self._room = self._larger(capacity)
+            self._room.ready(filled)
+            self._room.values[:filled] = self._same  # rows of this batch that came before included
             self._same = None
+        self._room.ready(filled)
         if len(self.shape) == 1 and _is_plain(values, self.dtype):
-            items(self._values)[where] = items(values)
+            items(self._room.values)[where] = items(values)
         else:
-            self._values[where] = values
+            self._room.values[where] = values
 
     def reserve(self, filled: int, capacity: int) -> None:
         """Make room for capacity rows."""
-        if self._same is None and capacity > len(self._values):
-            larger = fresh((capacity, *self.shape), self.dtype)
-            larger[:filled] = self._values[:filled]
-            self._values = larger
+        if self._same is None and capacity > len(self._room.values):
+            larger = self._larger(capacity)
+            larger.ready(filled)
+            larger.values[:filled] = self._room.values[:filled]
+            self._room = larger
 
     def finished(self, count: int) -> NDArray[Any]:
         """(count, ...) values; a read-only broadcast where all rows are alike."""
         if self._same is not None:
             return np.broadcast_to(self._same, (count, *self.shape))
-        return self._values[:count]
+        return self._room.values[:count]
+
+    def _larger(self, capacity: int) -> Room:
+        return Room(self._supply, (capacity, *self.shape), self.dtype)
 
 
 def _alike(values: NDArray[Any], same: NDArray[Any]) -> bool:
@@ -133,12 +140,13 @@ def _is_plain(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
 
 @dataclass
 class TableBuilder:
-    """Grows one table. expected: messages announced, by which memory is set aside."""
+    """Grows one table. expected: messages announced, by which memory is set aside. supply: where it comes from."""
 
     topic: str
     schema: str
     decoder: MessageDecoder
     expected: int = 0
+    supply: Supply = field(default_factory=Supply)
     count: int = 0
     capacity: int = 0
     columns: dict[Paths, GrowingColumn] = field(default_factory=dict)
@@ -189,7 +197,7 @@ class TableBuilder:
         where: Any = slice(self.count, self.count + count) if rows is None else rows + self.count
         for paths, values in blocks.items():
             if paths not in self.columns:
-                self.columns[paths] = GrowingColumn(values)
+                self.columns[paths] = GrowingColumn(values, self.supply)
             target = self.columns[paths]
             if target.shape != values.shape[1:]:
                 raise DataError(f"{paths[0]} changes its shape within the log", channel=self.topic)

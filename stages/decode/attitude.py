@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from physics import quaternions
-from physics.interpolation import slerp_quaternions
 from physics.units import DEG
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries
@@ -39,7 +37,7 @@ def attitude(table: Table, channel: ImuChannel) -> tuple[FloatArray, NDArray[np.
     if not given.any():
         return None
     if not given.all():
-        quaternion[~given] = (0.0, 0.0, 0.0, 1.0)
+        quaternion = np.where(given[:, None], quaternion, (0.0, 0.0, 0.0, 1.0))
     return _to_enu_hull(quaternion, convention, channel.hull_rotation), given
 
 
@@ -51,8 +49,7 @@ def from_angles(heading: FloatArray, pitch: FloatArray, roll: FloatArray, conven
         1.0 if convention.roll_positive == "starboard down" else -1.0,
     )
     factor = DEG if convention.unit == "deg" else 1.0
-    angles = np.column_stack([heading, pitch, roll]) * (np.array(signs) * factor)
-    return Rotation.from_euler("ZXY", angles).as_quat()
+    return quaternions.from_euler(*(sign * factor * angle for sign, angle in zip(signs, (heading, pitch, roll))))
 
 
 def with_gravity(unit: ImuSeries, source: ImuSeries, R_imu_source: FloatArray, gravity: float) -> ImuSeries:
@@ -61,10 +58,12 @@ def with_gravity(unit: ImuSeries, source: ImuSeries, R_imu_source: FloatArray, g
     source: the series whose attitude is used (the unit itself, or the PHINS beside it); R_imu_source: its mounting.
     Interval means take gravity at the middle of the interval. Samples beyond the source's attitude are left out.
     """
+    from physics.interpolation import slerp_quaternions  # scipy is slow to import, and gravity rarely removed
+
     assert source.attitude is not None
     half = 0 if unit.instantaneous else int(np.median(np.diff(unit.stamp))) // 2
     q_n_source, valid = slerp_quaternions(source.stamp, source.attitude, unit.stamp - half)
-    q_n_imu = quaternions.multiply(q_n_source, Rotation.from_matrix(R_imu_source.T).as_quat())
+    q_n_imu = quaternions.multiply(q_n_source, _quaternion(R_imu_source.T))
     restored = unit.accel[valid] + quaternions.rotate(quaternions.conjugate(q_n_imu), np.array([0.0, 0.0, gravity]))
     own = None if unit.attitude is None else unit.attitude[valid]
     return ImuSeries(unit.stamp[valid], unit.gyro[valid], restored, own, unit.instantaneous)
@@ -94,7 +93,14 @@ def _to_enu_hull(quaternion: FloatArray, convention: Attitude, R_hull_log: Float
     mapped = quaternions.conjugate(quaternion) if convention.inverse else quaternion
     R_enu_nav = R_ENU_NAV[convention.frame]
     if not np.array_equal(R_enu_nav, np.eye(3)):
-        mapped = quaternions.multiply(Rotation.from_matrix(R_enu_nav).as_quat(), mapped)
+        mapped = quaternions.multiply(_quaternion(R_enu_nav), mapped)
     if not np.array_equal(R_hull_log, np.eye(3)):
-        mapped = quaternions.multiply(mapped, Rotation.from_matrix(R_hull_log.T).as_quat())
+        mapped = quaternions.multiply(mapped, _quaternion(R_hull_log.T))
     return np.asarray(mapped / norm_of(mapped)[:, None])
+
+
+def _quaternion(R_a_b: FloatArray) -> FloatArray:
+    """Quaternion (4,) of a rotation matrix (3, 3)."""
+    from scipy.spatial.transform import Rotation  # slow to import, and most logs need none
+
+    return np.asarray(Rotation.from_matrix(R_a_b).as_quat())

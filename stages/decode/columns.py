@@ -47,7 +47,7 @@ def has(table: Table, channel: Channel, field: str) -> bool:
 
 
 def vector(table: Table, channel: Channel, field: str) -> FloatArray:
-    """(n, k) float64 of a vector field, a copy. Raises DataError where the messages do not have it."""
+    """(n, k) float64 of a vector field, perhaps a view of the table. Raises DataError where the messages lack it."""
     names = _names(table, channel, field)
     values = _stacked(table, names)
     width = len(STANDARD[field])
@@ -124,12 +124,28 @@ def _names(table: Table, channel: Channel, field: str) -> Sequence[str]:
 
 def _stacked(table: Table, names: Sequence[str]) -> FloatArray:
     """(n, k) float64; what is infinite or beyond any physical quantity is NaN, so that nothing overflows later."""
-    parts = [column if column.ndim == 2 else column[:, None] for column in (_number(table, name) for name in names)]
-    values = np.empty((len(table), sum(part.shape[1] for part in parts)))
-    np.concatenate(parts, axis=1, out=values, casting="unsafe")
+    columns = [_number(table, name) for name in names]
+    values = _together(columns)
+    if values is None:
+        parts = [column if column.ndim == 2 else column[:, None] for column in columns]
+        values = np.empty((len(table), sum(part.shape[1] for part in parts)))
+        np.concatenate(parts, axis=1, out=values, casting="unsafe")
     if values.size and not (values.min() > -ABSURD and values.max() < ABSURD):  # false for NaN too
-        values[~(np.abs(values) < ABSURD)] = np.nan
+        values = np.where(np.abs(values) < ABSURD, values, np.nan)
     return values
+
+
+def _together(columns: Sequence[np.ndarray]) -> FloatArray | None:
+    """(n, k) view of columns that lie side by side in memory, as neighbouring fields are decoded; else None."""
+    whole = columns[0].base
+    if whole is None or not len(columns[0]):
+        return None
+    stride, first = 8 * len(columns), columns[0].ctypes.data
+    for k, column in enumerate(columns):
+        beside = column.ctypes.data == first + 8 * k and column.strides == (stride,)
+        if column.dtype != np.float64 or column.base is not whole or not beside:
+            return None
+    return np.lib.stride_tricks.as_strided(columns[0], (len(columns[0]), len(columns)), (stride, 8))
 
 
 def _number(table: Table, name: str) -> np.ndarray:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from physics import quaternions
 from physics.units import STANDARD_GRAVITY
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray
@@ -32,7 +32,7 @@ MAX_ANGLE = np.deg2rad(20.0)
 
 def specific_force(accel: FloatArray, role: str) -> str | None:
     """Unit and gravity from the median norm: g makes 1, mg 1000, gravity removed less than either."""
-    norm = float(np.median(np.linalg.norm(accel, axis=1)))
+    norm = float(np.median(np.linalg.norm(accel[:: max(len(accel) // 20_000, 1)], axis=1)))
     steady = float(np.linalg.norm(np.mean(accel, axis=0))) / max(norm, 1e-12)
     if ACCEL_PLAUSIBLE[0] <= norm <= ACCEL_PLAUSIBLE[1]:
         return None
@@ -88,7 +88,7 @@ def attitude_against_gravity(unit: ImuSeries, role: str) -> str | None:
     if unit.attitude is None or not np.isfinite(unit.accel).any():
         return None
     stride = max(len(unit) // 20_000, 1)
-    force = Rotation.from_quat(unit.attitude[::stride]).apply(unit.accel[::stride])
+    force = quaternions.rotate(unit.attitude[::stride], unit.accel[::stride])
     mean = np.nanmean(force, axis=0)
     norm = float(np.linalg.norm(mean))
     if not ACCEL_PLAUSIBLE[0] < norm < ACCEL_PLAUSIBLE[1] or mean[2] > norm * np.cos(MAX_ANGLE):
@@ -111,8 +111,8 @@ def gyro_against_attitude(unit: ImuSeries, role: str) -> str | None:
         return None
     # a window's mean rate is that from the sample before it to its last one
     first, gyro = first[first > 0], gyro[first > 0]
-    before = Rotation.from_quat(unit.attitude[first - 1])
-    turn = (before.inv() * Rotation.from_quat(unit.attitude[first + size - 1])).as_rotvec()
+    before, after = unit.attitude[first - 1], unit.attitude[first + size - 1]
+    turn = quaternions.log(quaternions.multiply(quaternions.conjugate(before), after))
     rate = turn / ((unit.stamp[first + size - 1] - unit.stamp[first - 1])[:, None] * 1e-9)
     if _rms(rate - rate.mean(axis=0)) < MIN_RATE:
         return None
@@ -187,7 +187,9 @@ class _Relation:
 
     @property
     def angle(self) -> float:
-        return 0.0 if self.rotation is None else float(Rotation.from_matrix(self.rotation).magnitude())
+        if self.rotation is None:
+            return 0.0
+        return float(np.arccos(np.clip(0.5 * (np.trace(self.rotation) - 1.0), -1.0, 1.0)))
 
 
 def _relation(x: FloatArray, y: FloatArray) -> _Relation:

@@ -14,7 +14,6 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from physics.rotations import from_euler
 from physics.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
 from schemas.errors import DataError
 from schemas.rig import FloatArray, ImuGrade, Rig
@@ -278,5 +277,7 @@ def _installation(unit: ImuChannel) -> FloatArray | None:
     """``R_imu_phins = Rz(heading) Rx(pitch) Ry(roll)``."""
     if unit.installation_deg is None:
         return None
+    from physics.rotations import from_euler  # scipy is slow to import
+
     pitch, roll, heading = (np.asarray(angle * DEG) for angle in unit.installation_deg)
     return from_euler(heading, pitch, roll)

@@ -24,6 +24,8 @@ LIMITS = {"gyro": 1e3, "accel": 1e5}
 HELD_SHARE = 0.2
 SATURATED_SAMPLES = 10
 SPIKE_SIGMAS = 25.0
+SPREAD_SAMPLES = 20_000
+"""So many samples tell the usual spread well enough."""
 
 BoolArray = NDArray[np.bool_]
 _AXES = "xyz"
@@ -161,7 +163,7 @@ def _spikes(column: FloatArray, near: BoolArray) -> int:
     if len(column) < 100:
         return 0
     off = np.abs(column[1:-1] - 0.5 * (column[2:] + column[:-2]))
-    spread = float(np.median(off)) / 0.6745
+    spread = float(np.median(off[:: max(len(off) // SPREAD_SAMPLES, 1)])) / 0.6745
     out = (off > SPIKE_SIGMAS * spread) & near if spread > 0.0 else np.zeros(len(off), dtype=bool)
     # a spike shows in its neighbours too: count runs, not samples
     return int(np.count_nonzero(out[1:] & ~out[:-1])) + int(out[0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from schemas.wire.checksum import crc32
 from schemas.wire.definitions import parse
 from schemas.wire.fields import Block, blocks_of, is_wanted
 from schemas.wire.layout import Leaf, empty_layout, rows_alike
-from schemas.wire.memory import fresh
+from schemas.wire.memory import Room, Supply
 from tests.schemas.sample_logs import assert_same, imu, score, small_log
 
 ASKED = {"/imu/main": ["header.stamp", "angular_velocity", "orientation_covariance"]}
@@ -122,9 +123,32 @@ def test_rows_are_alike_when_their_bits_are(dtype: str):
 
 @pytest.mark.parametrize("count", [0, 10, 1 << 18])
 def test_memory_is_writable_whatever_its_size(count: int):
-    array = fresh((count, 3), np.dtype(np.float64))
-    array[:] = 1.0
-    assert array.sum() == 3 * count
+    room = Room(Supply(), (count, 3), np.dtype(np.float64))
+    for row in range(0, count, 1000):
+        room.ready(min(row + 1000, count))
+        room.values[row : row + 1000] = row
+    expected = np.arange(count) // 1000 * 1000
+    assert (room.values == expected[:, None]).all()
+
+
+def test_a_supply_of_slow_huge_pages_turns_to_plain_ones(monkeypatch: pytest.MonkeyPatch):
+    clock = iter(np.arange(0.0, 1000.0))  # a second between any two looks
+    monkeypatch.setattr("schemas.wire.memory.time.thread_time", lambda: next(clock))
+    supply, calls = Supply(), []
+    pages = SimpleNamespace(madvise=lambda advice, start, size: calls.append(advice))
+    for k in range(4):
+        supply.provide(pages, k << 21, 1 << 21)
+    assert calls[::2] == [14, 15, 15, 15]
+
+
+def test_memory_that_cannot_be_had_ahead_is_left_to_the_first_touch():
+    def refuse(*_: int) -> None:
+        raise OSError
+
+    supply = Supply()
+    supply.provide(SimpleNamespace(madvise=refuse), 0, 1 << 21)
+    assert not supply.helps
+    assert Room(supply, (1 << 18, 3), np.dtype(np.float64)).values.shape == (1 << 18, 3)
 
 
 def test_checksums_are_zlibs():
