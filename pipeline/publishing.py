@@ -11,8 +11,7 @@ from pathlib import Path
 from pipeline.files import check_targets, staged, writing
 from pipeline.one_log import LogRun, Progress, Steps
 from schemas.errors import DataError
-
-OWN_TOPICS = "/deckflex/"
+from stages.publish import OWN_TOPICS
 
 Writer = Callable[[Path], None]
 
@@ -43,14 +42,13 @@ def check_outputs(outputs: Outputs, log: Path, rig: Path | None = None) -> None:
     check_targets(list(outputs.files.values()), [log, rig] if rig else [log])
     if outputs.parquet is not None and outputs.parquet.exists() and not outputs.parquet.is_dir():
         raise DataError("is a file; name a directory for the Parquet tables", file=outputs.parquet)
-    if outputs.log is not None and not outputs.only_estimates:
-        _check_first_run(log)
 
 
 def write_outputs(run: LogRun, outputs: Outputs, progress: Progress | None = None) -> tuple[LogRun, dict[str, str]]:
     """Write what is wanted. Returns the run with the time it took, and the files by kind. Raises DataError."""
     if not outputs.files and outputs.parquet is None:
         return run, {}
+    run = _told_of_replacing(run, outputs)
     writers: dict[str, Writer] = {
         "log": lambda path: _write_log(path, run, outputs),
         "recording": lambda path: _write_recording(path, run, outputs),
@@ -107,13 +105,13 @@ def _write_all(
     return {kind: str(path) for kind, path in files.items()} | also
 
 
-def _check_first_run(log: Path) -> None:
-    from schemas.wire import scan_log
-
-    own = [channel.topic for channel in scan_log(log).channels if channel.topic.startswith(OWN_TOPICS)]
-    if own:
-        problem = "the log holds estimates already; run the original log, or write --only-estimates"
-        raise DataError(problem, file=log, channel=own[0])
+def _told_of_replacing(run: LogRun, outputs: Outputs) -> LogRun:
+    """The run, with a warning where the log holds estimates already, which the copy will not."""
+    own = [channel.topic for channel in run.decoded.log.channels if channel.topic.startswith(OWN_TOPICS)]
+    if not own or outputs.log is None or outputs.only_estimates:
+        return run
+    warning = f"the log holds estimates already ({', '.join(sorted(own))}); in the copy they are replaced by the new"
+    return replace(run, result=replace(run.result, warnings=(*run.result.warnings, warning)))
 
 
 def _write_log(path: Path, run: LogRun, outputs: Outputs) -> None:

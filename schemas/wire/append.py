@@ -31,9 +31,11 @@ def append_tables(
     *,
     compression: str = "zstd",
     metadata: Mapping[str, Mapping[str, str]] | None = None,
+    without: str = "",
 ) -> tuple[str, ...]:
     """Copy a log and append tables to the copy; what of the source was lost or odd comes back, a sentence each.
 
+    without: channels whose topics begin so stay behind, and with them the metadata that is written anew.
     The source is only read. Its bytes are copied as they are up to the end of the data section where its summary is
     sound and covers it; otherwise every message that can be read is written anew. The target appears whole or not at
     all. Raises DataError as :func:`~schemas.wire.writer.write_log` does, and when source and target are one file.
@@ -44,10 +46,10 @@ def append_tables(
     with File(source) as file:
         found = outline(file)
         with replacing(target) as handle:
-            if _summary_covers(found):
+            if _summary_covers(found) and not _stays_behind(found, without):
                 writer, problems = _continue_copy(file, found, handle, compression), list(found.problems)
             else:
-                writer, problems = _rewrite(file, found, handle, compression)
+                writer, problems = _rewrite(file, found, handle, compression, without, set(metadata or ()))
             write_metadata(writer, metadata)
             write_tables(writer, tables)
             writer.finish()
@@ -69,6 +71,12 @@ def _summary_covers(found: Outline) -> bool:
         channel.schema_id == 0 or channel.schema_id in summary.schemas for channel in summary.channels.values()
     )
     return all(block.chunk for block in found.blocks) and chunks == there and counted and declared
+
+
+def _stays_behind(found: Outline, without: str) -> bool:
+    """The summary names a channel that is not to be copied."""
+    channels = found.summary.channels.values() if found.summary is not None else ()
+    return bool(without) and any(channel.topic.startswith(without) for channel in channels)
 
 
 def _continue_copy(file: File, found: Outline, handle: BinaryIO, compression: str) -> SectionWriter:
@@ -112,21 +120,25 @@ def _copy_bytes(file: File, handle: BinaryIO, size: int) -> None:
     handle.seek(size)
 
 
-def _rewrite(file: File, found: Outline, handle: BinaryIO, compression: str) -> tuple[SectionWriter, list[str]]:
-    """Every readable record of the source in fresh chunks."""
+def _rewrite(
+    file: File, found: Outline, handle: BinaryIO, compression: str, without: str, anew: set[str]
+) -> tuple[SectionWriter, list[str]]:
+    """Every readable record of the source in fresh chunks, but for channels that stay behind."""
     writer = SectionWriter(handle, compression)
     header = found.header
     writer.begin(header.profile if header is not None else "", LIBRARY)
     for name, values in found.metadata.items():
-        writer.metadata(name, values)
+        if not without or name not in anew:
+            writer.metadata(name, values)
     for record in found.attachment_records(file):
         writer.attachment(record)
     copying = _Rewrite(file, found, lambda *_: None, lambda _: None, None)
-    copying.writer = writer
+    copying.writer, copying.without = writer, without
     copying.run(None)
-    for channel in copying.channels.values():
-        copying.declare(channel.id)
-    writer.idle(sorted(copying.channels))
+    kept = sorted(channel.id for channel in copying.channels.values() if not copying.stays_behind(channel.id))
+    for channel_id in kept:
+        copying.declare(channel_id)
+    writer.idle(kept)
     return writer, [*found.problems, *copying.problems, *check_attachments(file, found)]
 
 
@@ -134,6 +146,11 @@ class _Rewrite(Pass):
     """A pass that writes each batch of messages as one chunk, in the same order."""
 
     writer: SectionWriter
+    without: str
+
+    def stays_behind(self, channel_id: int) -> bool:
+        """Whether a channel of the source is not to be copied."""
+        return bool(self.without) and self.channels[channel_id].topic.startswith(self.without)
 
     def declare(self, channel_id: int) -> None:
         """Make a channel of the source known to the writer; without schema when the source lost that."""
@@ -143,7 +160,8 @@ class _Rewrite(Pass):
 
     def deliver(self, batch: Messages, channel: NDArray[np.intp]) -> None:
         super().deliver(batch, channel)
-        used = [int(one) for one in np.flatnonzero(np.bincount(channel)) if self.usable(int(one))]
+        there = [int(one) for one in np.flatnonzero(np.bincount(channel)) if self.usable(int(one))]
+        used = [one for one in there if not self.stays_behind(one)]
         for one in used:
             self.declare(one)
         keep = np.isin(channel, used)

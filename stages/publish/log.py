@@ -11,6 +11,7 @@ from physics.units import ARCMIN
 from schemas.products import DeckShape, Deformation, Result
 from schemas.trial import Trial
 from schemas.wire import append_tables, write_log
+from stages.publish import OWN_TOPICS
 from stages.publish.tables import MAIN_FRAME, result_tables
 
 RECORD = "deckflex"  # name of the metadata record that says how the estimates came about
@@ -26,15 +27,16 @@ def publish_log(
 ) -> tuple[str, ...]:
     """Write target: the source log with the result's channels appended, or those channels alone.
 
-    The source is never changed; target appears whole or not at all. Provenance goes into a metadata record
-    named "deckflex". frame: frame_id of the main IMU. Returns what was odd about the source, a sentence each.
+    Estimates that the source holds already are replaced. The source is never changed; target appears whole or not at
+    all. Provenance goes into a metadata record named "deckflex". frame: frame_id of the main IMU. Returns what was odd
+    about the source, a sentence each.
     """
     tables = result_tables(result, trial, frame)
     metadata = {RECORD: {key: str(value) for key, value in result.provenance.items()}}
     if only_estimates:
         write_log(target, tables, metadata=metadata)
         return ()
-    return append_tables(source, target, tables, metadata=metadata)
+    return append_tables(source, target, tables, metadata=metadata, without=OWN_TOPICS)
 
 
 def write_parquet(result: Result, directory: Path, stem: str) -> tuple[Path, ...]:

@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from mcap.reader import make_reader
 
-from schemas.wire import read_log
+from schemas.wire import read_log, scan_log
 
 CONTRACT = {
     "log", "estimator", "identifier", "duration_s", "samples", "static_arcmin", "time_delay_s", "flexure",
@@ -106,12 +106,22 @@ def test_only_estimates_leaves_the_originals_out(deckflex, sample, tmp_path):
     assert {channel.topic for channel in channels} == WRITTEN_BACK.keys()
 
 
-def test_a_log_that_holds_estimates_is_not_given_a_second_set(deckflex, finished, tmp_path):
+def test_estimates_that_a_log_holds_already_are_replaced_and_that_is_said(deckflex, finished, sample, tmp_path):
     folder, _, _ = finished
-    told = deckflex("run", folder / "out.mcap", "-o", tmp_path / "again.mcap")
-    assert told.status == 1
-    assert "holds estimates already" in told.err
-    assert not list(tmp_path.iterdir())
+    told = deckflex("run", folder / "out.mcap", "-o", tmp_path / "again.mcap", "--estimator", "filter", "--json")
+    assert told.status == 0, told.err
+    assert any("/deckflex/deformation" in warning for warning in json.loads(told.out)["warnings"])
+    with (tmp_path / "again.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        records = [record for record in make_reader(stream).iter_metadata() if record.name == "deckflex"]
+    counts = {c.topic: summary.statistics.channel_message_counts[c.id] for c in summary.channels.values()}
+    before = {channel.topic: channel.count for channel in scan_log(folder / "out.mcap").channels}
+    assert counts == before
+    assert [record.metadata["estimator"] for record in records] == ["filter"]
+    again, original = read_log(tmp_path / "again.mcap"), read_log(sample)
+    assert again.problems == ()
+    for topic, table in original.tables.items():
+        assert np.array_equal(table.columns["header.stamp"], again.tables[topic].columns["header.stamp"])
 
 
 def test_people_see_angles_delay_flexure_errors_and_where_it_wrote(deckflex, sample, tmp_path, monkeypatch):
