@@ -116,6 +116,11 @@ def nats(value: float | None) -> str:
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.1f}"
 
 
+def signed_log(value: float) -> float:
+    """``sign(v) log10(1 + |v|)``."""
+    return float(np.sign(value) * np.log10(1 + abs(value)))
+
+
 def judged(row: Tested) -> str:
     """Whether an effect was named, and if not, why."""
     if row.named:

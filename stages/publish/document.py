@@ -8,6 +8,7 @@ from typing import Any
 from schemas.products import Result
 from stages.publish.summary import AXES, summary
 
+MARKUP = frozenset("\\`*_{}[]<>|#!~$&")
 NAMES = {"truth": "truth", "phins": "PHINS"}
 
 
@@ -24,6 +25,12 @@ def accuracy_text(result: Result) -> str:
     used = [f"- {line}" for line in (*s["details"]["used"], *s["details"]["notes"])]
     parts = [_budget(s), _coverage(s), "### What was used\n\n" + "\n".join(used) if used else ""]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def plain_markdown(text: str) -> str:
+    """Text from a log as it stands: no character of it is markup, and none is one that viewers cannot draw."""
+    shown = "".join(c if (c.isprintable() and ord(c) < 0x2600) else "?" for c in text)
+    return "".join("\\" + c if c in MARKUP else c for c in shown)
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -32,7 +32,10 @@ class Bar:
 
 @dataclass(frozen=True)
 class Bars:
-    """Bars to the right of their names, on one axis. keys: (colour, name) of the legend. ticks: instead of round ones."""
+    """Bars to the right of their names, on one axis. keys: (colour, name) of the legend.
+
+    ticks: (place, what stands there), instead of round ones.
+    """
 
     title: str
     label: str

@@ -19,14 +19,7 @@ SPREAD = 4.0  # of a whitened trace: unit variance under the model
 MOST_TRACES = 4
 TRACE_WINDOW = 120.0  # s, of the trace in detail
 MOST_BARS = 16
-
-
-def signed_log(value: float) -> float:
-    """``sign(v) log10(1 + |v|)``."""
-    return float(np.sign(value) * np.log10(1 + abs(value)))
-
-
-NATS_TICKS = tuple((signed_log(v), f"{v:g}") for v in (-1e4, -100.0, 0.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6))
+NATS_TICKS = tuple((words.signed_log(v), f"{v:g}") for v in (-1e4, -100.0, 0.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6))
 
 
 def diagnosis_page(diagnosis: Diagnosis, provenance: Mapping[str, str], made: str = "") -> str:
@@ -187,8 +180,8 @@ def _evidence(d: Diagnosis) -> Html:
     if not rows:
         return join([])
     drawn = [
-        Bar(row.name, signed_log(row.evidence_nats or 0.0), BLUE if row.named else GREY,
-            mark=signed_log(row.threshold_nats), note=words.nats(row.evidence_nats))
+        Bar(row.name, words.signed_log(row.evidence_nats or 0.0), BLUE if row.named else GREY,
+            mark=words.signed_log(row.threshold_nats), note=words.nats(row.evidence_nats))
         for row in rows
     ]  # fmt: skip
     keys = [(BLUE, "named"), (GREY, "not named"), (RED, "needed")]

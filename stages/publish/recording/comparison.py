@@ -27,7 +27,7 @@ from stages.publish.recording.scene import (
     Scene,
     stride,
 )
-from stages.publish.recording.stream import TRIAL, open_recording, send_axes, thin_extremes
+from stages.publish.recording.stream import record, send_axes, thin_extremes
 
 COLOURS: tuple[Colour, ...] = (BLUE, ORANGE, GREEN, PURPLE, RED, (90, 190, 190), (225, 200, 100))
 
@@ -38,31 +38,21 @@ def write_comparison(
     """Write the recording of several estimators on one trial; everything is thinned to rate Hz (default 20)."""
     scenes = [Scene(result, trial, truth, rate or SENSOR_RATE, rate or SENSOR_RATE) for result in results]
     name = f"{Path(trial.source).name} {' '.join(scene.deformation.estimator for scene in scenes)}"
-    recording = open_recording(path, blueprint(scenes), name)
-    recording.send_recording_name(name)
+    record(path, name, layout.blueprint([tab(scenes)], layout.time_axis(scenes[0])), lambda rec: _log(rec, scenes))
+
+
+def _log(rec: rr.RecordingStream, scenes: Sequence[Scene]) -> None:
     for index, scene in enumerate(scenes):
-        _log_estimator(recording, scene, COLOURS[index % len(COLOURS)])
-    document = rr.TextDocument(rmse_text(results), media_type=rr.MediaType.MARKDOWN)
-    recording.log("rmse", document, static=True)
-    recording.flush()
-    recording.disconnect()
+        _log_estimator(rec, scene, COLOURS[index % len(COLOURS)])
+    text = rmse_text([scene.result for scene in scenes])
+    rec.log("rmse", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
-def blueprint(scenes: Sequence[Scene]) -> rrb.Blueprint:
-    """Per axis all estimates and all errors, and the table; paused, the whole trial in sight."""
+def tab(scenes: Sequence[Scene]) -> rrb.Container:
+    """Per axis all estimates and all errors, and the table."""
     rows = [rrb.Horizontal(*_axis_views(scenes, axis)) for axis in range(3)]
     side = rrb.TextDocumentView(origin="rmse", name="RMSE")
-    tab = rrb.Horizontal(rrb.Vertical(*rows), side, column_shares=[3.0, 1.0], name="Comparison")
-    root = layout.LinkedTabs(tab, axis=layout.time_axis(scenes[0]))
-    layout.fix_ids(root)
-    return rrb.Blueprint(
-        root,
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TRIAL, play_state="paused"),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return rrb.Horizontal(rrb.Vertical(*rows), side, column_shares=[3.0, 1.0], name="Comparison")
 
 
 def rmse_text(results: Sequence[Result]) -> str:

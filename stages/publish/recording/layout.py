@@ -9,6 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from stages.publish.recording.scene import Scene
+from stages.publish.recording.stream import TRIAL
 
 SHARED_TIME = UUID("5c0dca6a-e63f-9cf7-f657-2602590474cc")  # the view whose time axis linked views follow
 IDS = UUID("0c1d7d3c-5c0b-5d0e-9a3e-6d65636b666c")  # namespace of the ids given to views
@@ -33,9 +34,28 @@ def fix_ids(part: rrb.Container | rrb.View, path: str = "root") -> None:
         fix_ids(child, f"{path}/{index}")
 
 
+def blueprint(tabs: Sequence[rrb.Container], axis: rrb.TimeAxis) -> rrb.Blueprint:
+    """Tabs, the first one open; paused at the start, the whole trial in sight, panels out of the way."""
+    root = LinkedTabs(*tabs, axis=axis)
+    fix_ids(root)
+    return rrb.Blueprint(
+        root,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=TRIAL, play_state="paused"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
 def time_axis(scene: Scene) -> rrb.TimeAxis:
     """The whole trial and a little more; all time views share it."""
-    start, end = scene.span
+    return axis_over(scene.span)
+
+
+def axis_over(span: tuple[float, float]) -> rrb.TimeAxis:
+    """A span of time (s since the epoch) and a little more."""
+    start, end = span
     margin = 0.01 * (end - start)
     start, end = start - margin, end + margin
     view = rr.TimeRange(
@@ -49,15 +69,27 @@ def time_view(
     name: str,
     entities: Sequence[str],
     y_range: tuple[float, float] | None = None,
+    legend: bool = True,
 ) -> rrb.TimeSeriesView:
-    """Lines over time; the name says quantity and unit."""
+    """Lines over the time of a scene; the name says quantity and unit."""
+    return lines_view(time_axis(scene), name, entities, y_range, legend)
+
+
+def lines_view(
+    axis: rrb.TimeAxis,
+    name: str,
+    entities: Sequence[str],
+    y_range: tuple[float, float] | None = None,
+    legend: bool = True,
+) -> rrb.TimeSeriesView:
+    """Lines over time; without a legend where a neighbour has the same one."""
     return rrb.TimeSeriesView(
         origin="/",
         contents=list(entities),
         name=name,
-        axis_x=time_axis(scene),
+        axis_x=axis,
         axis_y=rrb.ScalarAxis(range=y_range) if y_range else None,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
     )
 
 

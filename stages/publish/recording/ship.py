@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 from schemas.products import DeckShape
 from schemas.rig import FloatArray
 from stages.publish.recording.scene import BLUE, GREY, ORANGE, RED, Colour, Scene, stride
-from stages.publish.recording.stream import TRIAL, UTC
+from stages.publish.recording.stream import times_of
 
 SCHEMATIC_LEVER = np.array([0.0, 30.0, 0.0])  # m, drawn where the lever arm is not known
 SHOWN_SHARE = 0.12  # of the line's length, at the largest bend shown
@@ -103,10 +103,7 @@ def _log_moving_line(rec: rr.RecordingStream, scene: Scene, lever: FloatArray) -
     strips = bent_line(theta, lever, bending_factor(d.dynamic_part, lever)).astype(np.float32)
     style = rr.LineStrips3D.from_fields(colors=[ORANGE], radii=rr.Radius.ui_points(3.0))
     rec.log("ship/bent_line", style, static=True)
-    times = [
-        rr.TimeColumn(TRIAL, duration=(stamp - scene.trial.epoch).view("timedelta64[ns]")),
-        rr.TimeColumn(UTC, timestamp=stamp.view("datetime64[ns]")),
-    ]
+    times = times_of(stamp, scene.trial.epoch)
     rr.send_columns("ship/bent_line", times, rr.LineStrips3D.columns(strips=list(strips)), recording=rec)
 
 

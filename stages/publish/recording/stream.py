@@ -5,7 +5,7 @@ Times go in as integer nanoseconds (timedelta64, datetime64): float seconds woul
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from uuid import NAMESPACE_URL, uuid5
@@ -23,18 +23,26 @@ SLICE = 65_536  # rows per chunk: smaller chunks cost space, larger ones cost th
 TRIAL, UTC = "trial_time", "utc"
 
 
-def open_recording(path: Path, blueprint: Blueprint, name: str) -> rr.RecordingStream:
-    """A recording written to path, its layout first; its id follows from its name alone."""
-    recording = rr.RecordingStream("deckflex", recording_id=uuid5(NAMESPACE_URL, f"deckflex:{name}"))
-    recording.save(path, default_blueprint=blueprint)
-    return recording
+def record(path: Path, name: str, blueprint: Blueprint, log: Callable[[rr.RecordingStream], None]) -> None:
+    """Write a recording, its layout first; it appears at path whole or not at all, its id follows from its name."""
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        recording = rr.RecordingStream("deckflex", recording_id=uuid5(NAMESPACE_URL, f"deckflex:{name}"))
+        recording.save(partial, default_blueprint=blueprint)
+        recording.send_recording_name(name)
+        log(recording)
+        recording.flush()
+        recording.disconnect()
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def send_lines(
     rec: rr.RecordingStream,
     entity: str,
     stamp: IntArray,
-    epoch: int,
+    epoch: int | None,
     values: FloatArray,
     names: Sequence[str],
     colours: Sequence[Colour],
@@ -56,7 +64,7 @@ def send_band(
     rec: rr.RecordingStream,
     entity: str,
     stamp: IntArray,
-    epoch: int,
+    epoch: int | None,
     values: FloatArray,
     three_sigma: FloatArray,
     names: Sequence[str],
@@ -83,7 +91,7 @@ def send_axes(
     rec: rr.RecordingStream,
     entity: str,
     stamp: IntArray,
-    epoch: int,
+    epoch: int | None,
     values: FloatArray,
     name: str,
     colour: Colour,
@@ -98,7 +106,7 @@ def send_bands(
     rec: rr.RecordingStream,
     entity: str,
     stamp: IntArray,
-    epoch: int,
+    epoch: int | None,
     values: FloatArray,
     three_sigma: FloatArray,
     name: str,
@@ -112,7 +120,12 @@ def send_bands(
 
 
 def send_states(
-    rec: rr.RecordingStream, entity: str, stamp: IntArray, epoch: int, states: Sequence[str], colours: dict[str, Colour]
+    rec: rr.RecordingStream,
+    entity: str,
+    stamp: IntArray,
+    epoch: int | None,
+    states: Sequence[str],
+    colours: dict[str, Colour],
 ) -> None:
     """One lane of states, each from its stamp until the next; an empty string ends the lane."""
     known = list(colours)
@@ -121,12 +134,18 @@ def send_states(
     _send(rec, entity, stamp, epoch, rr.StateChange.columns(state=list(states)))
 
 
-def _send(rec: rr.RecordingStream, entity: str, stamp: IntArray, epoch: int, columns: object) -> None:
-    times = [
+def _send(rec: rr.RecordingStream, entity: str, stamp: IntArray, epoch: int | None, columns: object) -> None:
+    rr.send_columns(entity, times_of(stamp, epoch), columns, recording=rec)  # type: ignore[arg-type]
+
+
+def times_of(stamp: IntArray, epoch: int | None) -> list[rr.TimeColumn]:
+    """Time since the epoch of the trial, and UTC; where the epoch is None, stamps count from it and UTC is unknown."""
+    if epoch is None:
+        return [rr.TimeColumn(TRIAL, duration=stamp.view("timedelta64[ns]"))]
+    return [
         rr.TimeColumn(TRIAL, duration=(stamp - epoch).view("timedelta64[ns]")),
         rr.TimeColumn(UTC, timestamp=stamp.view("datetime64[ns]")),
     ]
-    rr.send_columns(entity, times, columns, recording=rec)  # type: ignore[arg-type]
 
 
 def _slices(stamp: IntArray, values: FloatArray):  # type: ignore[no-untyped-def]

@@ -1,0 +1,170 @@
+"""A diagnosis as a recording: the answer, where the gap lies, spectra before and after, the residual in time."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePath
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from schemas.diagnosis import Diagnosis, Localisation, Spectrum, Trace
+from stages.publish import diagnosis_words as words
+from stages.publish.axis import Axis, decades_of, time_axis
+from stages.publish.document import plain_markdown, table
+from stages.publish.recording import layout
+from stages.publish.recording.chart import Chart, Curve, chart_view, log_chart
+from stages.publish.recording.scene import BLUE, GREEN, GREY, ORANGE, RED
+from stages.publish.recording.sheet import Row, bars_height, log_bars, log_map, map_view, sheet_view
+from stages.publish.recording.stream import record, send_lines
+
+MOST_BARS = 14
+MOST_SPECTRA = 9
+MOST_TRACES = 6
+MAP_HEIGHT = 56.0
+SPECTRUM_HEIGHT = 100.0
+SCALE = tuple((words.signed_log(v), f"{v:g}") for v in (-100.0, 0.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6))
+SHORT = ("log", "twin", "twin + effects", "compensated")
+TRACE_NAMES = ("before", "after", "what the effect foretells")
+
+
+def write_diagnosis_recording(diagnosis: Diagnosis, path: Path) -> None:
+    """Write the recording of a diagnosis; it appears at path whole or not at all."""
+    name = f"{PurePath(diagnosis.log).name} against {PurePath(diagnosis.twin).name}"
+    axis = layout.axis_over(_span(diagnosis))
+    record(path, name, layout.blueprint(_tabs(diagnosis, axis), axis), lambda rec: _log(rec, diagnosis))
+
+
+def _span(d: Diagnosis) -> tuple[float, float]:
+    """Start and end (s) of what is drawn over time."""
+    ends = [(float(one.t[0]), float(one.t[-1])) for one in d.traces if len(one.t)]
+    if d.localisation is not None and len(d.localisation.edges_s):
+        ends.append((float(d.localisation.edges_s[0]), float(d.localisation.edges_s[-1])))
+    ends = ends or [(0.0, max(d.duration_s, 1.0))]
+    return min(a for a, _ in ends), max(b for _, b in ends)
+
+
+def _log(rec: rr.RecordingStream, d: Diagnosis) -> None:
+    document = rr.TextDocument(diagnosis_text(d), media_type=rr.MediaType.MARKDOWN)
+    rec.log("answer", document, static=True)
+    log_bars(rec, "evidence", _evidence(d), "nats, as if it were the only effect; red: needed", ticks=SCALE)
+    if _shrinkage(d):
+        log_bars(rec, "shrinkage", _shrinkage(d), "share of the gap closed [%]", (0.0, 100.0))
+    if d.rmse is not None:
+        log_bars(rec, "rmse", _errors(d), "RMSE [arcmin]")
+    if d.localisation is not None and d.localisation.score.size:
+        _log_maps(rec, d.localisation)
+    for index, spectrum in enumerate(d.spectra[:MOST_SPECTRA]):
+        log_chart(rec, f"spectra/{index}", _spectrum_chart(spectrum))
+    for index, trace in enumerate(d.traces[:MOST_TRACES]):
+        _log_trace(rec, index, trace)
+
+
+def _tabs(d: Diagnosis, axis: rrb.TimeAxis) -> list[rrb.Container]:
+    """The answer first; a tab only for what there is."""
+    tabs = [_answer_tab(d)]
+    if d.localisation is not None and d.localisation.score.size:
+        maps = [map_view("where/bands", "Deficit by channel and frequency [nats]", MAP_HEIGHT),
+                map_view("where/blocks", "Deficit by channel and time [nats]", MAP_HEIGHT)]  # fmt: skip
+        tabs.append(rrb.Vertical(*maps, name="Where"))
+    if d.spectra:
+        charts = [chart_view(f"spectra/{k}", f"{words.channel_text(one.channel, one.axis)} [{one.unit}]",
+                             SPECTRUM_HEIGHT) for k, one in enumerate(d.spectra[:MOST_SPECTRA])]  # fmt: skip
+        tabs.append(rrb.Grid(*charts, grid_columns=min(3, len(charts)), name="Spectra"))
+    if d.traces:
+        views = [layout.lines_view(axis, f"Whitened residual, {words.channel_text(one.channel, one.axis)} [1]",
+                                   [f"residual/{k}"], legend=k == 0)
+                 for k, one in enumerate(d.traces[:MOST_TRACES])]  # fmt: skip
+        tabs.append(rrb.Vertical(*views, name="In time"))
+    return tabs
+
+
+def _answer_tab(d: Diagnosis) -> rrb.Container:
+    name = "Evidence of each effect [nats], logarithmic"
+    right: list[object] = [sheet_view("evidence", name, bars_height(len(_evidence(d))))]
+    if _shrinkage(d):
+        right.append(sheet_view("shrinkage", "How far the gap shrinks [%]", bars_height(len(_shrinkage(d)))))
+    if d.rmse is not None:
+        right.append(sheet_view("rmse", "RMSE of the estimate [arcmin]", bars_height(12)))
+    left = rrb.TextDocumentView(origin="answer", name="Answer")
+    shares = [bars_height(len(_evidence(d))), bars_height(4), bars_height(12)][: len(right)]
+    column = rrb.Vertical(*right, row_shares=shares)  # type: ignore[arg-type]
+    return rrb.Horizontal(left, column, column_shares=[1.0, 1.1], name="Diagnosis")
+
+
+def diagnosis_text(d: Diagnosis) -> str:
+    """Markdown: verdict, what was found, what to do next, what could not be told."""
+    parts = [f"# {words.HEADLINES[d.verdict]}", plain_markdown(words.sentence(d))]
+    for finding in d.effects:
+        rows = [[plain_markdown(cell) for cell in row] for row in words.parameters(finding)]
+        evidence = f"evidence {words.nats(finding.evidence_nats)} nats"
+        parts += [f"## {plain_markdown(finding.name)}, {evidence}", table(["parameter", "value ± std"], rows)]
+    sections = {
+        "What to do next": d.advice,
+        "Where it shows": [words.place_text(place) for place in d.where[:5]],
+        "Look-alikes": words.look_alikes(d),
+        "What to distrust": d.notes,
+        "What could not be tested": [f"{name}: {why}" for name, why in d.untestable.items()],
+    }
+    for title, lines in sections.items():
+        if lines:
+            parts.append(f"## {title}\n\n" + "\n".join(f"- {plain_markdown(line)}" for line in lines))
+    return "\n\n".join(parts) + "\n"
+
+
+def _evidence(d: Diagnosis) -> list[Row]:
+    rows = [row for row in d.tested if row.evidence_nats is not None][:MOST_BARS]
+    return [
+        Row(row.name, words.signed_log(row.evidence_nats or 0.0), BLUE if row.named else GREY,
+            mark=words.signed_log(row.threshold_nats), note=words.nats(row.evidence_nats))
+        for row in rows
+    ]  # fmt: skip
+
+
+def _shrinkage(d: Diagnosis) -> list[Row]:
+    rows = words.shrinkage(d) if d.effects or d.comparisons else []
+    colours = {"answer": BLUE, "placebo": GREY}
+    return [
+        Row(name, 100 * gap.closed, colours.get(name.split(":")[0], ORANGE),
+            50 * (gap.closed_ci95[1] - gap.closed_ci95[0]), note=f"{100 * gap.closed:.0f} %")
+        for name, gap in rows
+    ]  # fmt: skip
+
+
+def _errors(d: Diagnosis) -> list[Row]:
+    return [
+        Row(f"{name} {axis}", float(values[i]), colour, note=f"{values[i]:.3f}")
+        for name, (_, values), colour in zip(SHORT, words.error_rows(d), (ORANGE, GREY, RED, GREEN))
+        for i, axis in enumerate("xyz")
+    ]
+
+
+def _log_maps(rec: rr.RecordingStream, found: Localisation) -> None:
+    rows = [words.channel_text(*name.split(" ", 1)) for name in found.channels]
+    bands = [words.band_text(float(a), float(b)).removesuffix(" Hz") for a, b in found.bands_hz]
+    axis = time_axis(float(found.edges_s[0]), float(found.edges_s[-1]))
+    times = [f"{t / axis.scale:.3g}" for t in 0.5 * (found.edges_s[1:] + found.edges_s[:-1])]
+    log_map(rec, "where/bands", found.score.sum(axis=2), rows, bands, "frequency [Hz]", MAP_HEIGHT)
+    log_map(rec, "where/blocks", found.score.sum(axis=1), rows, times, axis.label, MAP_HEIGHT)
+
+
+def _spectrum_chart(one: Spectrum) -> Chart:
+    keep = one.frequency > 0
+    f, before, after, expected = (v[keep] for v in (one.frequency, one.before, one.after, one.expected))
+    x = Axis(float(f.min()), float(f.max()), "frequency [Hz]", True)
+    y = Axis(*decades_of([before, after, expected]), one.unit, True)
+    curves = [
+        Curve(f, expected, GREY, "expected", 2.5),
+        Curve(f, before, ORANGE, "before"),
+        Curve(f, after, BLUE, "after"),
+    ]
+    return Chart(x, y, curves, height=SPECTRUM_HEIGHT)
+
+
+def _log_trace(rec: rr.RecordingStream, index: int, one: Trace) -> None:
+    """Residual before and after, and what the effect foretells; nothing where the data were masked."""
+    columns = [one.before, one.after, *([one.regressor] if one.regressor.any() else [])]
+    values = np.where(one.good[:, None], np.stack(columns, axis=1), np.nan)
+    stamp = np.round(one.t * 1e9).astype(np.int64)
+    colours = (ORANGE, BLUE, RED)[: len(columns)]
+    send_lines(rec, f"residual/{index}", stamp, None, values, TRACE_NAMES[: len(columns)], colours, 1.2)
