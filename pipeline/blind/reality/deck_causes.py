@@ -134,11 +134,11 @@ class HeelBending(Cause):
 
 
 class Slamming(Cause):
-    """Blows at random times set the deck ringing; at least one."""
+    """Blows at random times set the deck ringing."""
 
     @override
     def bend(self, ship: ShipPath, nature: Nature, rng: np.random.Generator) -> Bend | None:
-        count = max(1, rng.poisson(self.number("rate") / 60.0 * nature.duration))
+        count = max(1, round(self.number("rate") / 60.0 * nature.duration))
         blows = rng.uniform(0.05, 0.95, count) * nature.duration
         decay, w = self.number("damping"), self.number("frequency")
         size, axis = self.number("amplitude") * ARCMIN / w, self.axis

@@ -12,8 +12,9 @@ from pipeline.blind.reality import deck_causes as deck
 from pipeline.blind.reality import sensor_causes as sensor
 from pipeline.blind.reality.assembly import assemble
 from pipeline.blind.reality.causes import Cause
+from pipeline.blind.reality.departures import effective
 from pipeline.blind.reality.scenes import GRADES, draw_scene
-from pipeline.blind.reality.severity import FOREIGN, LISTED, SEVERITIES, parameters
+from pipeline.blind.reality.severity import FOREIGN, LISTED, SEVERITIES, parameters, plain
 from schemas.trial import Trial, Truth
 from twin.config import Twin
 
@@ -117,9 +118,18 @@ def draw_case(
     ]
     causes = tuple(CAUSES[name](values) for name, values in drawn)
     trial, truth = assemble(scene.nature, causes, noise)
+    real = scene.nature
+    for cause in causes:
+        real = cause.nature(real)
     answer = {
         "effects": [
-            {"name": name, "parameters": values, "listed": CAUSES[name].listed, "severity": multiple}
+            {
+                "name": name,
+                "parameters": values,
+                "effective": plain(effective(name, values, scene.twin, real)),
+                "listed": CAUSES[name].listed,
+                "severity": multiple,
+            }
             for name, values in drawn
         ],
         "null": not drawn,

@@ -45,15 +45,13 @@ class TimestampJitter(Cause):
 
 
 class SampleDropout(Cause):
-    """Bursts of lost samples, exponential times apart, at least one of them within the record."""
+    """Bursts of lost samples at random places, as many as the rate says."""
 
     @override
     def finish(self, series: ImuSeries, nature: Nature, rng: np.random.Generator) -> ImuSeries:
-        n, length = len(series), int(self.number("length"))
-        apart = rng.exponential(nature.rate / self.number("rate"), int(3 * n * self.number("rate") / nature.rate) + 20)
-        starts = np.cumsum(apart).astype(int)
-        starts = starts[starts < n - length] if (starts < n - length).any() else np.array([n // 2])
-        lost = (starts[:, None] + np.arange(length)).ravel()
+        length, count = int(self.number("length")), round(self.number("rate") * nature.duration)
+        starts = rng.choice(np.arange(200, len(series) - 200), count, replace=False)
+        lost = np.unique(starts[:, None] + np.arange(length))
         return replace(
             series,
             stamp=np.delete(series.stamp, lost),
@@ -181,11 +179,11 @@ class NarrowbandVibration(Cause):
 
 
 class Outliers(Cause):
-    """Wild samples, each on one axis, 0.6 to 1.4 times the size, of either sign; at least one."""
+    """Wild samples, each on one axis, 0.6 to 1.4 times the size, of either sign."""
 
     @override
     def finish(self, series: ImuSeries, nature: Nature, rng: np.random.Generator) -> ImuSeries:
-        count = max(1, rng.poisson(self.number("rate") / 60.0 * nature.duration))
+        count = max(1, round(self.number("rate") / 60.0 * nature.duration))
         where = rng.choice(np.arange(500, len(series) - 500), count, replace=False)
         gyro = series.gyro.copy()
         size = self.number("size") * DEG * rng.uniform(0.6, 1.4, count) * rng.choice([-1.0, 1.0], count)

@@ -56,6 +56,11 @@ class Draw:
         """The same as a list under a key."""
         return {key: list(self.vector(*unit).values())}
 
+    def rate(self, low: float, high: float, per: float) -> float:
+        """Events per ``per`` s between low and high, such that a whole number, at least one, falls in the record."""
+        count = max(1.0, np.round(self.rng.uniform(low, high) * self.twin.run.duration / per))
+        return float(count * per / self.twin.run.duration)
+
     def period(self, low: float, high: float) -> float:
         """Drawn evenly in its logarithm."""
         return float(np.exp(self.rng.uniform(np.log(low), np.log(high))))
@@ -74,7 +79,7 @@ def _jitter(d: Draw) -> Parameters:
 
 
 def _dropout(d: Draw) -> Parameters:
-    return {"rate": d.about(0.01 * d.severity), "length": int(d.rng.integers(1, 11))}
+    return {"rate": d.rate(0.0085 * d.severity, 0.0115 * d.severity, 1.0), "length": int(d.rng.integers(1, 11))}
 
 
 def _instability(d: Draw) -> Parameters:
@@ -141,7 +146,7 @@ def _stiffening(d: Draw) -> Parameters:
 
 def _slamming(d: Draw) -> Parameters:
     return {
-        "rate": float(d.rng.uniform(0.1, 0.5)), "amplitude": d.sign() * d.about(2.0 * d.severity),
+        "rate": d.rate(0.1, 0.5, 60.0), "amplitude": d.sign() * d.about(2.0 * d.severity),
         "frequency": float(d.rng.uniform(5.0, 12.0)), "damping": float(d.rng.uniform(0.3, 1.2)),
     }  # fmt: skip
 
@@ -161,7 +166,7 @@ def _phins_error(d: Draw) -> Parameters:
 
 
 def _outliers(d: Draw) -> Parameters:
-    return {"rate": float(d.rng.uniform(0.3, 4.0)), "size": d.about(0.01 * d.severity)}
+    return {"rate": d.rate(0.3, 4.0, 60.0), "size": d.about(0.01 * d.severity)}
 
 
 def _nonlinearity(d: Draw) -> Parameters:
