@@ -11,6 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from pipeline import console
+from pipeline.blind.command import app as blind
 from pipeline.files import check_input, check_target
 from pipeline.options import DEFAULT_ESTIMATOR, DEFAULT_IDENTIFIER, RunOptions
 from pipeline.registries import Kind, check_name, listing
@@ -23,6 +24,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.add_typer(blind, name="blind")
 
 Log = Annotated[Path, typer.Argument(metavar="LOG", help="MCAP log of a trial.", show_default=False)]
 Rig = Annotated[Path | None, typer.Option("--rig", metavar="RIG.toml", help="Rig profile: topics, axes, units.")]

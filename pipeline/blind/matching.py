@@ -42,8 +42,9 @@ class Case:
 
     @property
     def kind(self) -> str:
-        """null, single, pair, foreign or removed."""
-        return str(self.truth["kind"])
+        """null, single, pair, foreign, or removed: a single one whose effect the library was denied."""
+        denied = set(self.report.get("without", ())) & set(self.true_names)
+        return "removed" if denied and self.truth["kind"] == "single" else str(self.truth["kind"])
 
     @property
     def failed(self) -> bool:
