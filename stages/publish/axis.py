@@ -69,8 +69,9 @@ def decades_of(values: Sequence[FloatArray], most: float = 9.0) -> tuple[float, 
     good = flat[np.isfinite(flat) & (flat > 0)]
     if not len(good):
         return 0.1, 10.0
-    high = float(10.0 ** np.ceil(np.log10(good.max()) + 1e-9))
-    low = float(10.0 ** np.floor(np.log10(good.min()) - 1e-9))
+    high = float(10.0 ** np.ceil(np.log10(good.max()) - 1e-9))
+    low = float(10.0 ** np.floor(np.log10(good.min()) + 1e-9))
+    high = high if high > low else 10.0 * low
     return max(low, high * 10.0**-most), high
 
 

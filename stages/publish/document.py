@@ -7,22 +7,25 @@ from typing import Any
 
 from schemas.products import Result
 from stages.publish.summary import AXES, summary
+from stages.publish.verdict import Verdict
 
 MARKUP = frozenset("\\`*_{}[]<>|#!~$&")
 NAMES = {"truth": "truth", "phins": "PHINS"}
 
 
-def summary_text(result: Result, log: str = "") -> str:
-    """One page: what the deformation was, how sure it is, what to distrust."""
+def summary_text(result: Result, log: str = "", judged: Verdict | None = None) -> str:
+    """One page: what the deformation was, how sure it is, what to distrust. judged: the verdict, to open with."""
     s = summary(result, log)
-    parts = [_headline(s), _warnings(s), _angles(s), _scores(s), _flexure(s), _deck(s), _provenance(s)]
+    if judged is not None:
+        s["warnings"] = [line for line in s["warnings"] if line not in judged.reasons]
+    parts = [_headline(s, judged), _warnings(s), _angles(s), _scores(s), _flexure(s), _deck(s), _provenance(s)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
 def accuracy_text(result: Result) -> str:
     """RMSE against its budget, coverage, and what the estimator used."""
     s = summary(result)
-    used = [f"- {line}" for line in (*s["details"]["used"], *s["details"]["notes"])]
+    used = [f"- {plain_markdown(line)}" for line in (*s["details"]["used"], *s["details"]["notes"])]
     parts = [_budget(s), _coverage(s), "### What was used\n\n" + "\n".join(used) if used else ""]
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -51,9 +54,15 @@ def _triple(values: list[float | None] | None) -> list[str]:
     return [number(value) for value in values] if values is not None else ["–"] * 3
 
 
-def _headline(s: dict[str, Any]) -> str:
-    log = PurePath(s["log"]).name or "trial"
-    lines = [f"## {log}", f"{s['estimator']} on {duration(s['duration_s'])}, {s['samples']} samples."]
+def _headline(s: dict[str, Any], judged: Verdict | None) -> str:
+    log = plain_markdown(PurePath(s["log"]).name or "trial")
+    about = f"{log}: {s['estimator']} on {duration(s['duration_s'])}, {s['samples']} samples."
+    if judged is not None:
+        reasons = "\n".join(f"- {plain_markdown(reason)}" for reason in judged.reasons)
+        return "\n\n".join(
+            part for part in (f"## {judged.headline}", reasons, judged.found, judged.sure, about) if part
+        )
+    lines = [f"## {log}", about]
     for score in s["details"]["scores"]:
         worst = max(score["rmse_arcmin"])
         lines.append(f"**RMSE against {NAMES[score['reference']]}: at most {number(worst)}′ on any axis.**")
@@ -69,8 +78,8 @@ def duration(seconds: float) -> str:
 
 def _warnings(s: dict[str, Any]) -> str:
     if not s["warnings"]:
-        return "No warnings."
-    return "### What to distrust\n\n" + "\n".join(f"- {line}" for line in s["warnings"])
+        return "Nothing else was odd."
+    return "### What to distrust\n\n" + "\n".join(f"- {plain_markdown(line)}" for line in s["warnings"])
 
 
 def _angles(s: dict[str, Any]) -> str:
@@ -128,7 +137,7 @@ def _deck(s: dict[str, Any]) -> str:
 
 
 def _provenance(s: dict[str, Any]) -> str:
-    rows = [[key, value] for key, value in s["details"]["provenance"].items()]
+    rows = [[key, plain_markdown(str(value))] for key, value in s["details"]["provenance"].items()]
     return "### Provenance\n\n" + table(["", ""], rows) if rows else ""
 
 

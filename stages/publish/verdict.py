@@ -169,8 +169,9 @@ def surprise(innovations: Innovations) -> tuple[float, float, str] | None:
 
 
 def _coverage(result: Result, trial: Trial) -> list[str]:
-    share = 1.0 - len(result.deformation.stamp) / max(len(trial.main), 1)
-    seconds = (len(trial.main) - len(result.deformation.stamp)) * usual_interval(trial.main.stamp) * 1e-9
+    covered = len(result.deformation.stamp) * usual_interval(result.deformation.stamp) * 1e-9
+    seconds = trial.duration - covered
+    share = seconds / max(trial.duration, 1e-9)
     return [f"{seconds:.0f} s of the trial ({share:.0%}) have no estimate: data are missing"] if share > MISSED else []
 
 

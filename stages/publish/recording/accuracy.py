@@ -6,10 +6,11 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from physics.interpolation import gap_starts
 from physics.units import ARCMIN
 from schemas.products import Innovations
 from schemas.rig import FloatArray
-from schemas.trial import ImuSeries, IntArray, Trial
+from schemas.trial import IntArray
 from stages.publish.document import accuracy_text
 from stages.publish.recording import layout
 from stages.publish.recording.overview import error_view
@@ -24,9 +25,10 @@ from stages.publish.recording.scene import (
     SLOW_RATE,
     Colour,
     Scene,
+    channel_stamps,
     stride,
 )
-from stages.publish.recording.stream import gap_starts, send_lines, send_states
+from stages.publish.recording.stream import send_lines, send_states
 
 WINDOW = 60.0  # s, of the RMS over time
 DATA, GAP, STILL, MOVING = "data", "gap", "lying still", "under way"
@@ -98,18 +100,6 @@ def _log_lanes(rec: rr.RecordingStream, scene: Scene) -> None:
         stamp = scene.trial.epoch + np.round(times * 1e9).astype(np.int64)
         colours = {k: LANE_COLOURS[k] for k in (STILL, MOVING)}
         send_states(rec, "lanes/ship", stamp, scene.trial.epoch, states, colours)
-
-
-def channel_stamps(trial: Trial) -> dict[str, IntArray]:
-    """Stamps of the inertial channels present, by short name; PHINS where it has an attitude."""
-    units: dict[str, ImuSeries | None] = {
-        "main_imu": trial.main,
-        "sub_imu": trial.sub,
-        "phins_main": trial.phins_main,
-        "phins_sub": trial.phins_sub,
-        "sliding": trial.sliding,
-    }
-    return {name: unit.stamp for name, unit in units.items() if unit is not None and len(unit)}
 
 
 def data_lane(stamp: IntArray, pause: str = GAP) -> tuple[IntArray, list[str]]:

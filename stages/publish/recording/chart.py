@@ -128,19 +128,18 @@ def _log_frame(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     thin = rr.Radius.ui_points(0.5)
     rec.log(f"{entity}/grid", rr.LineStrips2D(grid, colors=[GRID] * len(grid), radii=thin, draw_order=0.0), static=True)
     rec.log(f"{entity}/frame", rr.LineStrips2D(frame, colors=[FRAME], radii=thin, draw_order=5.0), static=True)
-    write_texts(rec, f"{entity}/ticks_x", [(x, base - 0.5) for x in xs], [chart.x.text(t) for t in chart.x.ticks()])
-    write_texts(
-        rec, f"{entity}/ticks_y", [(low - 6.0, y - 2.5) for y in ys], [chart.y.text(t) for t in chart.y.ticks()]
-    )
+    below, beside = [(x, base - 0.5) for x in xs], [(low - 6.0, y - 2.5) for y in ys]
+    write_texts(rec, f"{entity}/ticks_x", below, [chart.x.text(t) for t in chart.x.ticks()])
+    write_texts(rec, f"{entity}/ticks_y", beside, [chart.y.text(t) for t in chart.y.ticks()])
     labels = [(0.5 * (low + high), chart.height - 9.0), (low + 0.5 * len(chart.y.label), 0.5)]
     write_texts(rec, f"{entity}/labels", labels, [chart.x.label, chart.y.label])
 
 
 def _log_legend(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     named = [curve for curve in chart.curves if curve.name]
-    rows = MARGIN[1] + 5.5 * np.arange(len(named))
-    for index, (curve, y) in enumerate(zip(named, rows)):
-        write_texts(rec, f"{entity}/legend_{index}", [(WIDTH - 0.5 * MARGIN[2], float(y))], [curve.name], curve.colour)
+    places = [(WIDTH - 0.5 * MARGIN[2], MARGIN[1] + 5.5 * row) for row in range(len(named))]
+    if named:
+        write_texts(rec, f"{entity}/legend", places, [c.name for c in named], [c.colour for c in named])
 
 
 def write_texts(
@@ -148,13 +147,13 @@ def write_texts(
     entity: str,
     places: Sequence[tuple[float, float]],
     texts: Sequence[str],
-    colour: Colour = TEXT,
+    colours: Sequence[Colour] = (TEXT,),
 ) -> None:
     """Words at places of the sheet, each just below its place and centred on it."""
     points = rr.Points2D(
         list(places),
         labels=list(texts),
-        colors=[colour] * len(places),
+        colors=list(colours) * (len(places) if len(colours) == 1 else 1),
         radii=rr.Radius.ui_points(0.01),
         show_labels=True,
         draw_order=50.0,

@@ -93,6 +93,6 @@ def lines_view(
     )
 
 
-def lanes(scene: Scene, name: str, origin: str) -> rrb.StateTimelineView:
-    """State lanes under an entity."""
-    return rrb.StateTimelineView(origin=origin, name=name, time_view=time_axis(scene))
+def lanes(scene: Scene, name: str, origin: str, only: Sequence[str] = ("$origin/**",)) -> rrb.StateTimelineView:
+    """State lanes under an entity: all of them, or only some."""
+    return rrb.StateTimelineView(origin=origin, contents=list(only), name=name, time_view=time_axis(scene))

@@ -6,27 +6,38 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from physics import quaternions
-from physics.units import ARCMIN, DEG
+from physics.interpolation import gap_starts
+from physics.units import ARCMIN
 from schemas.products import Score
 from schemas.rig import FloatArray
-from schemas.trial import GnssSeries
+from schemas.trial import GnssSeries, Trial
+from stages.publish.axis import Axis, span_of
 from stages.publish.document import summary_text
 from stages.publish.recording import layout, ship
+from stages.publish.recording.chart import MARGIN, WIDTH, Chart, Curve, chart_view, log_chart
 from stages.publish.recording.scene import (
     AXES,
     BLUE,
+    GREEN,
     GREY,
+    RED,
     REFERENCE_COLOURS,
     REFERENCE_NAMES,
     RMSE_COLOURS,
     SLOW_RATE,
     Scene,
+    channel_stamps,
     stride,
 )
 from stages.publish.recording.stream import send_axes, send_bands, thin_extremes
+from stages.publish.reference import reference_angles
+from stages.publish.verdict import verdict
 
 ESTIMATE = "deformation/estimate"
+TRACK_HEIGHT = 74.0
+MOST_LANES = 5
+SHORT = 0.02  # share of the trial that a record may miss at its ends
+EARTH_RADIUS_KM = 6371.0
 
 
 def log(rec: rr.RecordingStream, scene: Scene) -> None:
@@ -36,40 +47,68 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
         _log_reference(rec, scene, score)
         _log_error(rec, scene, score)
     ship.log(rec, scene)
-    _log_track(rec, scene)
-    rec.log(
-        "summary",
-        rr.TextDocument(summary_text(scene.result, scene.trial.source), media_type=rr.MediaType.MARKDOWN),
-        static=True,
-    )
+    if has_track(scene.trial):
+        log_chart(rec, "track", track_chart(scene.trial))
+    text = summary_text(scene.result, scene.trial.source, verdict(scene.result, scene.trial))
+    rec.log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def tab(scene: Scene) -> rrb.Container:
-    """Per axis estimate and error on the left; ship, track and summary on the right."""
-    rows = [rrb.Horizontal(estimate_view(scene, axis), error_view(scene, axis)) for axis in range(3)]
-    side: list[object] = [ship.view(scene)]
-    if scene.trial.gnss is not None:
-        side.append(rrb.MapView(origin="track", name="GNSS track", zoom=track_zoom(scene.trial.gnss)))
-    side.append(rrb.TextDocumentView(origin="summary", name="Summary"))
-    shares = [3.3, 1.7, 3.3] if len(side) == 3 else [1.0, 1.0]
-    return rrb.Horizontal(
-        rrb.Vertical(*rows),
-        rrb.Vertical(*side, row_shares=shares),  # type: ignore[arg-type]
-        column_shares=[2.0, 1.0],
-        name="Overview",
-    )
+    """Per axis estimate and error on the left, above the data there were; verdict, ship and track on the right."""
+    rows = [rrb.Horizontal(estimate_view(scene, axis), error_view(scene, axis, axis == 0)) for axis in range(3)]
+    lanes = [f"$origin/{name}" for name in lanes_told(scene)]
+    below = layout.lanes(scene, "Data, gaps and phases", "lanes", lanes)
+    left = rrb.Vertical(*rows, below, row_shares=[3.0, 3.0, 3.0, 0.8 + 0.5 * len(lanes)])
+    side: list[object] = [rrb.TextDocumentView(origin="summary", name="Summary"), ship.view(scene)]
+    if has_track(scene.trial):
+        side.append(chart_view("track", "GNSS track [km]", TRACK_HEIGHT))
+    shares = [4.6, 2.4, 2.2][: len(side)]
+    right = rrb.Vertical(*side, row_shares=shares)  # type: ignore[arg-type]
+    return rrb.Horizontal(left, right, column_shares=[1.85, 1.0], name="Overview")
+
+
+def lanes_told(scene: Scene) -> list[str]:
+    """Lanes worth a glance: the estimate, the ship's phases, and units whose record has gaps or ends early."""
+    start, end = scene.span
+    told = ["estimate", *(["ship"] if len(scene.deformation.alignment.static_phases) else [])]
+    for name, stamp in channel_stamps(scene.trial).items():
+        t = scene.trial.seconds(stamp[[0, -1]])
+        whole = t[0] - start < SHORT * (end - start) and end - t[1] < SHORT * (end - start)
+        told += [] if whole and not len(gap_starts(stamp)) else [name]
+    return told[:MOST_LANES]
 
 
 def estimate_view(scene: Scene, axis: int) -> rrb.TimeSeriesView:
     """Estimate with +-3 sigma, and each reference."""
     entities = [ESTIMATE, *(f"deformation/{score.reference}" for score in scene.scores)]
-    return layout.time_view(scene, f"Deformation {AXES[axis]} ±3σ [arcmin]", of_axis(entities, axis))
+    name = f"Deformation {AXES[axis]} ±3σ [arcmin]"
+    return layout.time_view(scene, name, of_axis(entities, axis), angle_range(scene, axis), legend=axis == 0)
 
 
-def error_view(scene: Scene, axis: int) -> rrb.TimeSeriesView:
+def error_view(scene: Scene, axis: int, legend: bool = True) -> rrb.TimeSeriesView:
     """Error against each reference, the estimate's own +-3 sigma, and the RMSE so far."""
     entities = ["error/bound", *(f"{kind}/{s.reference}" for kind in ("error", "running_rmse") for s in scene.scores)]
-    return layout.time_view(scene, f"Error {AXES[axis]}, RMSE so far [arcmin]", of_axis(entities, axis))
+    name = f"Error {AXES[axis]}, RMSE so far [arcmin]" if scene.scores else f"Uncertainty {AXES[axis]} ±3σ [arcmin]"
+    return layout.time_view(scene, name, of_axis(entities, axis), error_range(scene, axis), legend)
+
+
+def angle_range(scene: Scene, axis: int) -> tuple[float, float]:
+    """Limits that show the estimate whole, with its band unless that is far wider than what it surrounds."""
+    value, band = scene.deformation.total[:, axis], 3 * scene.sigma[:, axis]
+    low, high = span_of([value / ARCMIN], zero=False)
+    reach = 0.5 * (high - low)
+    extra = min(float(np.nanmax(band)) / ARCMIN if np.isfinite(band).any() else 0.0, reach)
+    return low - extra, high + extra
+
+
+def error_range(scene: Scene, axis: int) -> tuple[float, float]:
+    """Limits that show errors and band whole; a band much wider than the errors is cut."""
+    errors = [score.error[:, axis] / ARCMIN for score in scene.scores]
+    low, high = span_of(errors)
+    band = 3 * scene.sigma[:, axis] / ARCMIN
+    reach = 1.15 * float(np.nanmax(band)) if np.isfinite(band).any() else 1.0
+    reach = min(reach, 3.0 * max(-low, high)) if errors else reach
+    return min(low, -reach), max(high, reach)
 
 
 def of_axis(entities: list[str], axis: int) -> list[str]:
@@ -91,11 +130,8 @@ def _log_estimate(rec: rr.RecordingStream, scene: Scene) -> None:
 
 
 def _log_reference(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
-    """``R_ref = Exp(e)^T R_est``, thinned: a reference is drawn to compare with, not to work on."""
-    every = stride(score.stamp, scene.rate)
-    stamp, error = score.stamp[::every], score.error[::every]
-    estimate = scene.deformation.total[np.searchsorted(scene.deformation.stamp, stamp)]
-    total = quaternions.log(quaternions.multiply(quaternions.exp(-error), quaternions.exp(estimate)))
+    """A reference, thinned: it is drawn to compare with, not to work on."""
+    stamp, total = reference_angles(scene.deformation, score, stride(score.stamp, scene.rate))
     who, colour = REFERENCE_NAMES[score.reference], REFERENCE_COLOURS[score.reference]
     send_axes(rec, f"deformation/{score.reference}", stamp, scene.trial.epoch, total / ARCMIN, who, colour)
 
@@ -116,19 +152,31 @@ def running_rmse(error: FloatArray) -> FloatArray:
     return np.sqrt(np.cumsum(error**2, axis=0) / count)
 
 
-def track_zoom(fixes: GnssSeries) -> float:
-    """Map zoom at which the whole track fits: a small view shows little more than half a tile of 360 deg / 2^zoom."""
-    width = float(np.ptp(fixes.longitude)) / DEG if len(fixes.stamp) else 0.0
-    height = float(np.ptp(fixes.latitude) / np.cos(np.mean(fixes.latitude))) / DEG if len(fixes.stamp) else 0.0
-    return float(np.clip(np.log2(220.0 / max(width, 1.6 * height, 1e-4)), 1.0, 18.0))
+def has_track(trial: Trial) -> bool:
+    """Whether there is a way to draw."""
+    return trial.gnss is not None and len(trial.gnss.stamp) > 1
 
 
-def _log_track(rec: rr.RecordingStream, scene: Scene) -> None:
-    fixes = scene.trial.gnss
-    if fixes is None or not len(fixes.stamp):
-        return
-    place = np.stack([fixes.latitude, fixes.longitude], axis=1) / DEG
-    line = rr.GeoLineStrings(lat_lon=[place], colors=[BLUE], radii=rr.Radius.ui_points(2.0))
-    rec.log("track/line", line, static=True)
-    ends = rr.GeoPoints(lat_lon=place[[0, -1]], colors=[(60, 170, 90), (214, 60, 60)], radii=rr.Radius.ui_points(6.0))
-    rec.log("track/ends", ends, static=True)
+def track_chart(trial: Trial) -> Chart:
+    """The way made good, km east and north of its start, equal scales; drawn here, so that nothing is fetched."""
+    assert trial.gnss is not None
+    north, east = way(trial.gnss)
+    middle = [0.5 * (float(v.min()) + float(v.max())) for v in (east, north)]
+    wide, high = WIDTH - MARGIN[0] - MARGIN[2], TRACK_HEIGHT - MARGIN[1] - MARGIN[3]
+    half = 0.55 * max(float(np.ptp(east)) / wide, float(np.ptp(north)) / high, 1e-3 / high)
+    x = Axis(middle[0] - half * wide, middle[0] + half * wide, "east [km]")
+    y = Axis(middle[1] - half * high, middle[1] + half * high, "north [km]")
+    dot = np.array([-0.006, 0.006]) * half * wide
+    ends = [
+        Curve(east[k] + dot, north[k] + 0 * dot, colour, name, 9.0)
+        for k, colour, name in ((0, GREEN, "start"), (-1, RED, "end"))
+    ]
+    return Chart(x, y, [Curve(east, north, BLUE, "", 2.0), *ends], height=TRACK_HEIGHT)
+
+
+def way(fixes: GnssSeries) -> tuple[FloatArray, FloatArray]:
+    """North and east (n,) km of the first fix, on a sphere tangent there: good to a percent over 100 km."""
+    good = np.isfinite(fixes.latitude) & np.isfinite(fixes.longitude)
+    latitude, longitude = fixes.latitude[good], np.unwrap(fixes.longitude[good])
+    north = (latitude - latitude[0]) * EARTH_RADIUS_KM
+    return north, (longitude - longitude[0]) * np.cos(latitude[0]) * EARTH_RADIUS_KM

@@ -8,7 +8,7 @@ import numpy as np
 
 from schemas.products import Deformation, Result, Score
 from schemas.rig import FloatArray
-from schemas.trial import IntArray, Trial, Truth
+from schemas.trial import ImuSeries, IntArray, Trial, Truth
 
 AXES = ("x (pitch)", "y (roll)", "z (heading)")
 Colour = tuple[int, int, int]
@@ -68,3 +68,15 @@ def stride(stamp: IntArray, rate: float) -> int:
     if len(stamp) < 3:
         return 1
     return max(1, round(1e9 / (float(np.median(np.diff(stamp))) * rate)))
+
+
+def channel_stamps(trial: Trial) -> dict[str, IntArray]:
+    """Stamps of the inertial channels present, by short name; PHINS where it has an attitude."""
+    units: dict[str, ImuSeries | None] = {
+        "main_imu": trial.main,
+        "sub_imu": trial.sub,
+        "phins_main": trial.phins_main,
+        "phins_sub": trial.phins_sub,
+        "sliding": trial.sliding,
+    }
+    return {name: unit.stamp for name, unit in units.items() if unit is not None and len(unit)}

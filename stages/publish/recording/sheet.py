@@ -94,7 +94,7 @@ def _log_ruler(
     thin = rr.Radius.ui_points(0.5)
     rec.log(f"{entity}/grid", rr.LineStrips2D(grid, colors=[GRID] * len(grid), radii=thin, draw_order=0.0), static=True)
     write_texts(rec, f"{entity}/ticks", [(x, foot) for x in xs], [shown for _, shown in ticks])
-    write_texts(rec, f"{entity}/label", [(0.5 * (NAMES + WIDTH - RIGHT), foot + 5.5)], [axis.label], TEXT)
+    write_texts(rec, f"{entity}/label", [(0.5 * (NAMES + WIDTH - RIGHT), foot + 5.5)], [axis.label])
 
 
 def _log_whiskers(

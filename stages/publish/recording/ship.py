@@ -16,6 +16,7 @@ SHOWN_SHARE = 0.12  # of the line's length, at the largest bend shown
 LINE_POINTS = 13
 MOVING_RATE = 2.0  # Hz
 DECK: Colour = (110, 125, 140)
+HULL: Colour = (62, 70, 80)
 
 
 def lever_arm(scene: Scene) -> tuple[FloatArray, bool]:
@@ -72,10 +73,20 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
     if scene.result.deck_shape is not None and len(scene.result.deck_shape.line):
         _log_path(rec, scene.result.deck_shape)
     rec.log("ship", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    hull = outline(aboard(scene))
-    rec.log("ship/deck", rr.LineStrips3D([hull], colors=[DECK], radii=rr.Radius.ui_points(1.5)), static=True)
+    _log_hull(rec, outline(aboard(scene)))
     _log_units(rec, scene, lever, known)
     _log_moving_line(rec, scene, lever)
+
+
+def _log_hull(rec: rr.RecordingStream, deck: FloatArray) -> None:
+    """The deck's outline, and dimmer below it the hull that narrows towards the keel."""
+    rec.log("ship/deck", rr.LineStrips3D([deck], colors=[DECK], radii=rr.Radius.ui_points(1.8)), static=True)
+    length = float(np.ptp(deck[:, 1]))
+    middle = deck.mean(axis=0)
+    water = middle + (deck - middle) * [0.72, 0.94, 1.0] - [0.0, 0.0, 0.07 * length]
+    ribs = list(np.stack([deck, water], axis=1))
+    dim = rr.LineStrips3D([water, *ribs], colors=[HULL] * (len(ribs) + 1), radii=rr.Radius.ui_points(0.8))
+    rec.log("ship/hull", dim, static=True)
 
 
 def _log_units(rec: rr.RecordingStream, scene: Scene, lever: FloatArray, known: bool) -> None:
@@ -164,7 +175,7 @@ def view(scene: Scene) -> rrb.Spatial3DView:
     middle, reach = 0.5 * (low + high), float(high[1] - low[1])
     eye = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=middle + reach * np.array([0.5, -0.34, 0.42]),
+        position=middle + reach * np.array([0.52, -0.2, 0.36]),
         look_target=middle,
         eye_up=[0.0, 0.0, 1.0],
     )

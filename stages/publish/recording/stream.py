@@ -27,8 +27,7 @@ def record(path: Path, name: str, blueprint: Blueprint, log: Callable[[rr.Record
     """Write a recording, its layout first; it appears at path whole or not at all, its id follows from its name."""
     partial = path.with_name(f".{path.name}.partial")
     try:
-        recording = rr.RecordingStream("deckflex", recording_id=uuid5(NAMESPACE_URL, f"deckflex:{name}"))
-        recording.save(partial, default_blueprint=blueprint)
+        recording = open_recording(partial, blueprint, name)
         recording.send_recording_name(name)
         log(recording)
         recording.flush()
@@ -36,6 +35,13 @@ def record(path: Path, name: str, blueprint: Blueprint, log: Callable[[rr.Record
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def open_recording(path: Path, blueprint: Blueprint, name: str) -> rr.RecordingStream:
+    """A recording written to path, its layout first; its id follows from its name alone."""
+    recording = rr.RecordingStream("deckflex", recording_id=uuid5(NAMESPACE_URL, f"deckflex:{name}"))
+    recording.save(path, default_blueprint=blueprint)
+    return recording
 
 
 def send_lines(
