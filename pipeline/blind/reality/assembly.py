@@ -59,6 +59,16 @@ def make_world(nature: Nature, causes: Sequence[Cause], streams: dict[str, np.ra
     if stray > 0.5 * MARGIN:
         raise ValueError(f"a clock that strays by {stray:.1f} s leaves the simulated time")
     ship = ShipPath.over(nature.voyage, -(SETTLING + MARGIN), nature.duration + 2.0 * MARGIN)
+    first, path = shaken_deck(nature, causes, streams)
+    bends = [bend for cause in causes if (bend := cause.bend(ship, nature, streams["causes"])) is not None]
+    bending = Bending(first, path, tuple(bends))
+    return World(nature, tuple(causes), ship, bending, moved_lever(bending, nature.deck))
+
+
+def shaken_deck(
+    nature: Nature, causes: Sequence[Cause], streams: dict[str, np.random.Generator]
+) -> tuple[float, FloatArray]:
+    """First instant and random path (k, 3) rad of the deck at the steps of the integration, settling left out."""
     t = grid(nature.duration)
     strength = np.ones(len(t))
     for cause in causes:
@@ -66,9 +76,7 @@ def make_world(nature: Nature, causes: Sequence[Cause], streams: dict[str, np.ra
     path = random_path(nature.deck, t, _laws(causes, nature), strength, streams["deck"])
     for cause in causes:
         path = cause.reshape(t, path, nature, streams["causes"])
-    bends = [bend for cause in causes if (bend := cause.bend(ship, nature, streams["causes"])) is not None]
-    bending = Bending(*settled(t, path), tuple(bends))
-    return World(nature, tuple(causes), ship, bending, moved_lever(bending, nature.deck))
+    return settled(t, path)
 
 
 def truth_of(world: World, stamp: NDArray[np.int64]) -> Truth:
