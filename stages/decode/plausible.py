@@ -28,6 +28,14 @@ MIN_RATE = 2e-4
 SHARED = (0.9, 0.8)
 """Least canonical correlation of two units' rates: of the best direction, and of all three, to compare them."""
 MAX_ANGLE = np.deg2rad(20.0)
+FEW_SECONDS = 12
+"""Fewer seconds together than this do not tell whether two units follow each other."""
+MAX_LAG_S = 30
+"""Clocks are looked for that differ by up to so much."""
+FOLLOWS = 0.95
+"""Least canonical correlation of the rates of two units that move strongly on one ship; it is 0.98 or more."""
+STRONG_RATE = 5e-3
+"""rad/s RMS of both units' rates that neither flexure nor noise makes."""
 
 
 def specific_force(accel: FloatArray, role: str) -> str | None:
@@ -120,16 +128,17 @@ def gyro_against_attitude(unit: ImuSeries, role: str) -> str | None:
 
 
 def pair(main: ImuSeries, sub: ImuSeries) -> str | None:
-    """Rates of the two units against each other: the same unit, not mirror images, and gravity turned as they are."""
+    """Rates of the two units against each other: the same clock, the same unit, not mirror images, and gravity turned
+    as they are.
+    """
     begin, end = max(main.stamp[0], sub.stamp[0]), min(main.stamp[-1], sub.stamp[-1])
     grid = np.arange(begin, end, int(1e9), dtype=np.int64)
-    if len(grid) < MIN_WINDOWS:
+    if len(grid) < FEW_SECONDS:
         return None
-    rate_m, rate_s = _averaged(main, grid), _averaged(sub, grid)
-    both = np.isfinite(rate_m).all(axis=1) & np.isfinite(rate_s).all(axis=1)
-    rate_m, rate_s = rate_m[both], rate_s[both]
-    if len(rate_m) < MIN_WINDOWS or min(_rms(rate_m), _rms(rate_s)) < MIN_RATE:
-        return None
+    rate_m, rate_s = _both(_averaged(main, grid), _averaged(sub, grid))
+    strange = _strangers(main, sub, grid) if len(rate_m) >= FEW_SECONDS else None
+    if strange or len(rate_m) < MIN_WINDOWS or min(_rms(rate_m), _rms(rate_s)) < MIN_RATE:
+        return strange
     found = _relation(rate_m, rate_s)
     if found.gain > UNIT_FACTOR or 0.0 < found.gain < 1.0 / UNIT_FACTOR:
         large, factor = ("sub", found.gain) if found.gain > 1.0 else ("main", 1.0 / found.gain)
@@ -140,6 +149,43 @@ def pair(main: ImuSeries, sub: ImuSeries) -> str | None:
             "rig keys main.gyro_signs, sub.gyro_signs"
         )
     return None if found.rotation is None else _gravity_of_both(main, sub, found.rotation)
+
+
+def _strangers(main: ImuSeries, sub: ImuSeries, grid: IntArray) -> str | None:
+    """Two units that move strongly, but whose rates agree only when one is shifted by seconds, or not at all."""
+    rate_m, rate_s = _averaged(main, grid), _averaged(sub, grid)
+    strength = min(_rms(rates - rates.mean(axis=0)) for rates in _both(rate_m, rate_s))
+    if strength < STRONG_RATE or _shared(rate_m, rate_s) >= FOLLOWS:
+        return None
+    delays = (_averaged(sub, grid + round(shift * 1e9)) for shift in np.arange(-1.0, 1.1, 0.25))
+    if any(_shared(rate_m, delayed) >= FOLLOWS for delayed in delays):
+        return None
+    lags = range(-MAX_LAG_S, MAX_LAG_S + 1)
+    shared = [_shared(rate_m[max(-lag, 0) :], rate_s[max(lag, 0) :]) for lag in lags]
+    if max(shared) >= FOLLOWS:
+        lag = lags[int(np.argmax(shared))]
+        way = "ahead of" if lag > 0 else "behind"
+        return (
+            f"their rates agree when sub's clock is taken to be about {abs(lag)} s {way} "
+            'main\'s: two clocks? rig key stamp = "log_time" would use the times of writing'
+        )
+    return "the rates of the two units do not follow each other: not on one ship, or two clocks?"
+
+
+def _both(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The rows that both have, as far as the shorter one goes."""
+    x, y = x[: len(y)], y[: len(x)]
+    known = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
+    return x[known], y[known]
+
+
+def _shared(x: FloatArray, y: FloatArray) -> float:
+    """The largest canonical correlation of rates (n, 3); 0 where there are too few to tell."""
+    x, y = _both(x, y)
+    if len(x) < FEW_SECONDS:
+        return 0.0
+    x, y = x - x.mean(axis=0), y - y.mean(axis=0)
+    return float(np.linalg.svd(np.linalg.qr(x)[0].T @ np.linalg.qr(y)[0], compute_uv=False)[0])
 
 
 def _gravity_of_both(main: ImuSeries, sub: ImuSeries, R_s_m: FloatArray) -> str | None:

@@ -15,7 +15,7 @@ from schemas.rig import FloatArray
 from schemas.trial import IntArray
 
 FROZEN_S = 1.0
-"""All six values unchanged for longer than this: the unit was stuck, the samples are left out."""
+"""Three values of a triad unchanged for longer than this: it was stuck, the samples are left out."""
 FROZEN_SAMPLES = 10
 BAD_SHARE = 0.5
 """A unit with a larger share of unusable samples is refused."""
@@ -39,13 +39,14 @@ def usable(
     _refuse_mostly(~finite, "not finite or beyond any sensor's range")
     _refuse_constant(gyro[finite], "gyro")
     _refuse_constant(accel[finite], "accelerometer")
-    stuck = frozen(stamp, gyro, accel)
-    _refuse_mostly(stuck, "frozen (all values unchanged)")
     notes = counted(~finite, stamp, epoch, "not finite or out of any sensor's range left out")
-    notes += counted(
-        stuck & finite, stamp, epoch, f"frozen (all values unchanged for more than {FROZEN_S:g} s) left out"
-    )
-    return finite & ~stuck, notes
+    good = finite
+    for what, parts in (("all values", (gyro, accel)), ("gyro", (gyro,)), ("accelerometer", (accel,))):
+        stuck = frozen(stamp, *parts)
+        _refuse_mostly(stuck, f"frozen ({what} unchanged)")
+        notes += counted(stuck & good, stamp, epoch, f"frozen ({what} unchanged for more than {FROZEN_S:g} s) left out")
+        good = good & ~stuck
+    return good, notes
 
 
 def remarks(stamp: IntArray, gyro: FloatArray, accel: FloatArray) -> tuple[str, ...]:
