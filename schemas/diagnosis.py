@@ -99,13 +99,18 @@ class Gap:
 @dataclass(frozen=True)
 class Errors:
     """RMSE per axis, each (3,) arcmin, of the estimator on the log, on the twin, on the twin with the effects, and on
-    the log with the effects compensated; ``reference`` says against what the log's are taken."""
+    the log with the effects compensated; ``reference`` says against what they are taken. NaN where there is nothing to
+    compare with. twin_truth, twin_with_effects_truth: against the truth, which a log has not. moved: (3,), root mean
+    square by which the compensation moves the estimate on the log, which needs no reference."""
 
     log: FloatArray
     twin: FloatArray
     twin_with_effects: FloatArray
     log_compensated: FloatArray
     reference: str = ""
+    twin_truth: FloatArray | None = None
+    twin_with_effects_truth: FloatArray | None = None
+    moved: FloatArray | None = None
 
 
 @dataclass(frozen=True)

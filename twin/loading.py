@@ -69,7 +69,7 @@ def with_run(twin: Twin, **values: Any) -> Twin:
 
 def dump_twin(twin: Twin) -> str:
     """TOML text that :func:`parse_twin` reads back as the same twin."""
-    tables = twin.model_dump(mode="json", exclude_none=True)
+    tables = twin.model_dump(exclude_none=True)
     return "\n".join(_table("", tables)) + "\n"
 
 
@@ -103,15 +103,15 @@ def _key(key: str) -> str:
 
 
 def _is_tables(value: object) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
+    return isinstance(value, list | tuple) and bool(value) and all(isinstance(entry, dict) for entry in value)
 
 
 def _value(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return "[" + ", ".join(_value(entry) for entry in value) + "]"
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
         return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
-    return repr(value)
+    return repr(float(value) if isinstance(value, float) else value)

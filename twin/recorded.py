@@ -245,13 +245,18 @@ def _quaternion(matrix: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
 
-def recorded_scene(trial: Trial, twin: Twin, span: tuple[float, float]) -> Scene:
-    """The scene of a log: its own motion, rate and thermometers; all else is the twin's."""
-    stamp = trial.main.stamp
-    rate = 1e9 / float(np.median(np.diff(stamp)))
-    run = twin.run.model_copy(update={"rate": rate, "duration": trial.duration + 1.0 / rate})
+def recorded_scene(trial: Trial, twin: Twin, span: tuple[float, float], duration: float | None = None) -> Scene:
+    """The scene of a log: its own motion over a span (s), rate and thermometers; all else is the twin's.
+
+    duration: s from the epoch to the end of the record that the trial is a piece of; None: to the end of the trial.
+    """
+    rate = 1e9 / float(np.median(np.diff(trial.sub.stamp)))
+    end = float(trial.main.stamp[-1] - trial.epoch) * 1e-9 + 1.0 / rate
+    run = twin.run.model_copy(update={"rate": rate, "duration": end if duration is None else duration})
     known = {"main": trial.temperature_main, "sub": trial.temperature_sub}
-    thermometers = {unit: _reading(trial, series) for unit, series in known.items() if series is not None}
+    thermometers = {
+        unit: _reading(trial, series) for unit, series in known.items() if series is not None and len(series.stamp)
+    }
     return Scene(twin.model_copy(update={"run": run}), RecordedMotion(trial, twin, span), thermometers)
 
 

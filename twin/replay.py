@@ -81,8 +81,10 @@ class Timeline:
         return self.nodes(0, len(self.edge) - 1, per_sample)
 
 
-def replay(twin: Twin, trial: Trial, rng: np.random.Generator) -> Simulation:
+def replay(twin: Twin, trial: Trial, rng: np.random.Generator, duration: float | None = None) -> Simulation:
     """The twin on the motion of a log, with a truth of its own.
+
+    duration: s from the epoch to the end of the whole record, for a trial that is a piece of one.
 
     The main IMU, GNSS, thermometers, sled and rig are those of the log; the sub-IMU and each PHINS that the log has are
     drawn anew, on its stamps, gaps kept. Raises DataError for a log whose units hardly measured.
@@ -94,7 +96,7 @@ def replay(twin: Twin, trial: Trial, rng: np.random.Generator) -> Simulation:
     lines = _lines(trial)
     per_sample = sampling.substeps(lines["sub"].rate, changed.mount.lever_bandwidth)
     instants = _instants(lines, trial, changed, made, per_sample)
-    scene = recorded_scene(trial, changed, reach(instants, changed.mount.lever_bandwidth))
+    scene = recorded_scene(trial, changed, reach(instants, changed.mount.lever_bandwidth), duration)
     world = draw(scene, made, instants, per_sample, streams, trial.epoch)
     return Simulation(_trial(trial, world, lines, streams), _truth(trial, world), twin)
 
@@ -124,7 +126,8 @@ def _instants(
 
 
 def _trial(trial: Trial, world: World, lines: Mapping[str, Timeline], streams: Streams) -> Trial:
-    on_time = {id(line): _ideal(world, line) for unit, line in lines.items() if unit != "sub"}
+    beside_it = {id(line): line for unit, line in lines.items() if unit != "sub"}
+    on_time = {key: _ideal(world, line) for key, line in beside_it.items()}
     gyro, accel = _sub(world, lines["sub"], on_time.get(id(lines["sub"])))
     sub = imu(world, "sub", trial.sub.stamp, gyro, accel, streams)
     beside: dict[str, ImuSeries | None] = {"phins_main": None, "phins_sub": None}
