@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from physics.interpolation import bracket, slerp, slerp_quaternions
+from physics.interpolation import bracket, slerp, slerp_quaternions, usual_interval
 
 
 def test_agrees_with_scipy_between_samples():
@@ -40,3 +40,12 @@ def test_before_after_and_in_a_gap_there_is_nothing(at, ok):
 def test_a_single_sample_is_valid_at_itself_alone():
     valid = bracket(np.array([5], dtype=np.int64), np.array([4, 5, 6]))[2]
     np.testing.assert_array_equal(valid, [False, True, False])
+
+
+@pytest.mark.parametrize("jitter", [0, 1, 400])
+@pytest.mark.parametrize("n", [2, 3, 10, 11, 1000])
+def test_usual_interval_is_the_median_however_it_is_found(n, jitter):
+    rng = np.random.default_rng(n + jitter)
+    stamp = np.cumsum(1000 + rng.integers(-jitter, jitter + 1, n)).astype(np.int64)
+    stamp[n // 2 :] += 70_000
+    assert usual_interval(stamp) == np.median(np.diff(stamp))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from physics.interpolation import usual_interval
 from schemas.products import Deformation, Result, Score
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial, Truth
@@ -44,19 +46,19 @@ class Scene:
         """The estimate."""
         return self.result.deformation
 
-    @property
+    @cached_property
     def scores(self) -> tuple[Score, ...]:
         """Scores against the references present, truth first."""
         return tuple(sorted(self.result.scores, key=lambda score: score.reference != "truth"))
 
-    @property
+    @cached_property
     def span(self) -> tuple[float, float]:
         """Start and end (s since the epoch) of everything drawn over time."""
         ends = [self.trial.main.stamp[[0, -1]], self.trial.sub.stamp[[0, -1]]]
         t = self.trial.seconds(np.concatenate(ends))
         return float(t.min()), float(t.max())
 
-    @property
+    @cached_property
     def sigma(self) -> FloatArray:
         """(n, 3) rad, the estimate's own standard deviation per axis; NaN where unknown."""
         variance = np.diagonal(self.deformation.covariance, axis1=1, axis2=2)
@@ -67,7 +69,7 @@ def stride(stamp: IntArray, rate: float) -> int:
     """Every how many samples to take so that about ``rate`` a second are left."""
     if len(stamp) < 3:
         return 1
-    return max(1, round(1e9 / (float(np.median(np.diff(stamp))) * rate)))
+    return max(1, round(1e9 / (usual_interval(stamp) * rate)))
 
 
 def channel_stamps(trial: Trial) -> dict[str, IntArray]:

@@ -55,6 +55,19 @@ def send_lines(
     width: float = 1.5,
 ) -> None:
     """k lines over time from values (n, k) at stamp (n,) ns, broken at gaps; extremes survive zooming out."""
+    _lines(rec, entity, *break_gaps(stamp, drawn(values)), epoch, names, colours, width)
+
+
+def _lines(
+    rec: rr.RecordingStream,
+    entity: str,
+    stamp: IntArray,
+    values: FloatArray,
+    epoch: int | None,
+    names: Sequence[str],
+    colours: Sequence[Colour],
+    width: float,
+) -> None:
     style = rr.SeriesLines(
         names=list(names),
         colors=list(colours),
@@ -62,7 +75,7 @@ def send_lines(
         aggregation_policy=rr.components.AggregationPolicy.MinMax,
     )
     rec.log(entity, style, static=True)
-    for at, block in _slices(*break_gaps(stamp, drawn(values))):
+    for at, block in _slices(stamp, values):
         _send(rec, entity, at, epoch, rr.Scalars.columns(scalars=block.ravel()).partition([block.shape[1]] * len(at)))
 
 
@@ -78,6 +91,24 @@ def send_band(
     unit: str,
 ) -> None:
     """k lines values (n, k) within their bands of +-3 sigma (n, k); an unknown sigma draws no band."""
+    stamp, both = _with_variance(stamp, values, three_sigma)
+    _band(rec, entity, stamp, both, epoch, names, colours, unit)
+
+
+def _with_variance(stamp: IntArray, values: FloatArray, three_sigma: FloatArray) -> tuple[IntArray, FloatArray]:
+    return break_gaps(stamp, drawn(np.hstack([values, np.nan_to_num(three_sigma) ** 2])))
+
+
+def _band(
+    rec: rr.RecordingStream,
+    entity: str,
+    stamp: IntArray,
+    both: FloatArray,
+    epoch: int | None,
+    names: Sequence[str],
+    colours: Sequence[Colour],
+    unit: str,
+) -> None:
     style = rr.Measurements.from_fields(
         names=list(names),
         colors=list(colours),
@@ -86,8 +117,8 @@ def send_band(
         aggregation_policy=rr.components.AggregationPolicy.MinMax,
     )
     rec.log(entity, style, static=True)
-    k = values.shape[1]
-    for at, block in _slices(*break_gaps(stamp, drawn(np.hstack([values, np.nan_to_num(three_sigma) ** 2])))):
+    k = len(names)
+    for at, block in _slices(stamp, both):
         variance = np.nan_to_num(block[:, k:])
         columns = rr.Measurements.columns(values=block[:, :k].ravel(), variances=variance.ravel())
         _send(rec, entity, at, epoch, columns.partition([k] * len(at)))
@@ -104,8 +135,9 @@ def send_axes(
     width: float = 1.0,
 ) -> None:
     """Values (n, 3) as one line each under entity/x, entity/y, entity/z, so that a view can show one axis."""
+    stamp, values = break_gaps(stamp, drawn(values))
     for i, axis in enumerate("xyz"):
-        send_lines(rec, f"{entity}/{axis}", stamp, epoch, values[:, i : i + 1], [name], [colour], width)
+        _lines(rec, f"{entity}/{axis}", stamp, values[:, i : i + 1], epoch, [name], [colour], width)
 
 
 def send_bands(
@@ -120,9 +152,9 @@ def send_bands(
     unit: str,
 ) -> None:
     """Values (n, 3) within +-3 sigma (n, 3), as one band each under entity/x, entity/y, entity/z."""
+    stamp, both = _with_variance(stamp, values, three_sigma)
     for i, axis in enumerate("xyz"):
-        part = slice(i, i + 1)
-        send_band(rec, f"{entity}/{axis}", stamp, epoch, values[:, part], three_sigma[:, part], [name], [colour], unit)
+        _band(rec, f"{entity}/{axis}", stamp, both[:, i::3], epoch, [name], [colour], unit)
 
 
 def send_states(
