@@ -24,6 +24,7 @@ from twin.effects import Effect
 from twin.effects._repair import Repair
 from twin.recorded import recorded_scene
 from twin.sensors import gyro_matrix
+from twin.world import built
 
 FloatArray = NDArray[np.float64]
 
@@ -52,8 +53,10 @@ class Compensated:
 def compensate(trial: Trial, effects: Sequence[Effect], twin: Twin) -> Compensated:
     """Take effects out of a log; twin: the one without them, that they are measured against.
 
-    Nothing is drawn and nothing invented: samples are changed, masked or moved in time.
+    The twin's own effects are believed in and stay. Nothing is drawn and nothing invented: samples are changed, masked
+    or moved in time.
     """
+    twin = built(twin)[1]
     changed = reduce(lambda so_far, effect: effect.twin(so_far), effects, twin)
     span = _span(trial)
     repair = Repair(trial, recorded_scene(trial, twin, span))
