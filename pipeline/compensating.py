@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,8 @@ class Remedy:
 
     def applied(self, trial: Trial) -> Compensated:
         """The log without the effects, and how to put real bending back."""
-        return compensate(trial, self.effects, self.twin)
+        freed = compensate(trial, self.effects, self.twin)
+        return freed if self.effects else replace(freed, notes=("nothing: the report names no effect",))
 
 
 def load_remedy(path: Path) -> Remedy:

@@ -37,9 +37,9 @@ class Outputs:
         return {kind: path for kind, path in named.items() if path is not None}
 
 
-def check_outputs(outputs: Outputs, log: Path, rig: Path | None = None) -> None:
+def check_outputs(outputs: Outputs, log: Path, *others: Path | None) -> None:
     """Raise DataError before the work starts if the outputs cannot be written, or would touch an input."""
-    check_targets(list(outputs.files.values()), [log, rig] if rig else [log])
+    check_targets(list(outputs.files.values()), [log, *(path for path in others if path)])
     if outputs.parquet is not None and outputs.parquet.exists() and not outputs.parquet.is_dir():
         raise DataError("is a file; name a directory for the Parquet tables", file=outputs.parquet)
 
