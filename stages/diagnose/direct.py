@@ -38,7 +38,7 @@ def check(trial: Trial, twin: Twin) -> DirectChecks:
         return DirectChecks((), trial, dict.fromkeys(EFFECTS, f"fewer than {FEWEST} samples of the sub-IMU"))
     known = {spec.name for spec in twin.effect}
     found = [dropout(trial), jitter(trial), quantization(trial), saturation(trial)]
-    if found[1] is None:
+    if found[1] is None and found[3] is None:  # clipping leaves no noise where the rate is large
         found[1] = hidden_jitter(trial)
     findings = tuple(finding for finding in found if finding is not None and finding.name not in known)
     names = {finding.name for finding in findings}

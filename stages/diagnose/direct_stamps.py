@@ -21,6 +21,7 @@ BACKGROUND_GAPS = 1.0  # gaps of any log, whatever its length
 LONGEST_GAP = 500.0  # samples: gaps of an ordinary log are of any length up to this, evenly in logarithm
 SAME_LENGTH = 0.9  # chance that a run of lost samples has the length of all
 BLOCK_S = 10.0  # s within which the variance of hidden jitter follows the ship's rate
+MOST_NATS = 1e6  # enough
 JITTER_NATS = 14.0  # beyond which hidden jitter is believed
 
 BoolArray = NDArray[np.bool_]
@@ -91,9 +92,10 @@ def jitter(trial: Trial) -> Finding | None:
     std = _unsorted(sub, interval)
     # Gaussian stamps of this scatter against the least that counts
     evidence = n * (0.5 * (sub / least) ** 2 - 0.5 - np.log(sub / least)) + 0.5 * n * (1.0 - (least / sub) ** 2)
+    evidence = min(float(evidence), MOST_NATS)
     parameters = {"std": ParameterEstimate(std, std / float(np.sqrt(2.0 * n)) * (std / sub), "s")}
-    place = Place("sub.stamp", "", (0.0, 0.5 / interval), None, float(evidence))
-    return Finding("timestamp_jitter", parameters, float(evidence), places=(place,))
+    place = Place("sub.stamp", "", (0.0, 0.5 / interval), None, evidence)
+    return Finding("timestamp_jitter", parameters, evidence, places=(place,))
 
 
 def _unsorted(seen: float, interval: float) -> float:
@@ -110,7 +112,7 @@ def gaps(series: ImuSeries, nominal: float = 0.0) -> tuple[FloatArray, IntArray]
     """Begin (k,) s and samples lost (k,) of the gaps of a unit."""
     step = np.diff(index_of(series.stamp, nominal))
     where = np.flatnonzero(step > 1)
-    return series.stamp[where] * NS, (step[where] - 1).astype(np.int64)
+    return np.asarray(series.stamp[where] * NS, dtype=float), (step[where] - 1).astype(np.int64)
 
 
 def dropout(trial: Trial) -> Finding | None:
@@ -167,7 +169,7 @@ def hidden_jitter(trial: Trial) -> Finding | None:
 
 
 def _acceleration(trial: Trial) -> tuple[int, FloatArray, FloatArray]:
-    """A stamp, times (n,) ns since it, and square of the ship's angular acceleration (n,), rad^2/s^4, smooth over 0.2 s."""
+    """A stamp, times (n,) ns since it, square of the ship's angular acceleration (n,), rad^2/s^4, smooth over 0.2 s."""
     main = trial.main
     half = max(1, int(0.1 / (interval_of(main) * NS)))
     change = (main.gyro[2 * half :] - main.gyro[: -2 * half]) / (2.0 * half * interval_of(main) * NS)

@@ -117,7 +117,7 @@ class Window:
         part = x[begin : begin + int(WINDOW_S / T)]
         n = fft.next_fast_len(2 * len(part), real=True)
         weight = whitener.inverse(n)
-        clock = T * np.arange(begin, begin + len(part)) - hit.time
+        clock = np.asarray(T * np.arange(begin, begin + len(part)) - hit.time, dtype=float)
         return cls(fft.rfft(part - part.mean(), n) * weight, weight, clock, n)
 
     def best(self, shape: Shape, shift: float = 0.0) -> tuple[float, float]:
@@ -147,7 +147,8 @@ def rendered(hit: Hit, shape: Shape, n: int, interval: float) -> tuple[slice, Fl
     """Where in n samples the event lies, and its rate there."""
     begin = max(int(hit.time / interval) - 1, 0)
     end = min(begin + int(WINDOW_S / interval), n)
-    return slice(begin, end), hit.size * shape(interval * np.arange(begin, end) - hit.time)
+    clock = np.asarray(interval * np.arange(begin, end) - hit.time, dtype=float)
+    return slice(begin, end), hit.size * shape(clock)
 
 
 def usable(good: BoolArray) -> BoolArray:

@@ -213,7 +213,7 @@ def _rung(
     """For each axis z (n,) of the ringing that stands out the most, with its w and d; those of earlier slams if any."""
     T = noise[0].interval
     rings = [(found.frequency, found.damping)] if found.slams else list(product(RINGING, FADING))
-    clock = T * np.arange(1, int(RING_S / T))
+    clock = np.asarray(T * np.arange(1, int(RING_S / T)), dtype=float)
     records = [Record(measured[:, axis], noise[axis], usable, len(clock)) for axis in range(3)]
     best: list[tuple[FloatArray, tuple[float, float]]] = [(np.zeros(len(measured)), rings[0])] * 3
     worth = [-1.0] * 3

@@ -1,9 +1,10 @@
 """Covariance effects: what the spectra of the rate residual at full rate say against a twin.
 
 Every effect is tried as if it were the only one beyond those already named: fitted with all nuisances to the odd
-segments and scored on the even ones, and the other way round. Where two overlap they are nested: a low-pass of the gyros
-and an interpolation of delayed samples by whatever wrote the log both dull the highest frequencies, so that what else
-acts there is judged with a low-pass free, whenever the log has one or something like it.
+segments and scored on the even ones, and the other way round. Where two overlap they are nested: a low-pass of the
+gyros and an interpolation of delayed samples by whatever wrote the log both dull the highest frequencies, so that what
+else acts there is judged with a low-pass free, whenever the log has one or something like it. Events are to be taken
+out before (:mod:`stages.diagnose.events`): one wild sample is enough to bend a spectrum.
 """
 
 from __future__ import annotations
@@ -185,7 +186,7 @@ def _within(name: str, trial: _Trial) -> str:
 
 
 def _with_lag(candidate: Candidate, residual: FullRateResidual) -> Candidate:
-    """A low-pass of the gyros delays them by 1 / (2 pi cutoff); with another lag it was an interpolation that dulled."""
+    """A low-pass of the gyros delays them by 1 / (2 pi cutoff); with another lag it was interpolation that dulled."""
     if candidate.finding.name != "gyro_bandwidth":
         return candidate
     cutoff = candidate.finding.parameters["cutoff"]
@@ -195,17 +196,14 @@ def _with_lag(candidate: Candidate, residual: FullRateResidual) -> Candidate:
     if abs(residual.lag - expected) < LAG_SIGMAS * residual.lag_std + LAG_SHARE * expected:
         return candidate
     told = (
-        f"the gyros lag by {1e3 * residual.lag:.2f} ms, a low-pass of {cutoff.value:.0f} Hz by {1e3 * expected:.2f} ms: "
-        "the samples may have been interpolated"
+        f"the gyros lag by {1e3 * residual.lag:.2f} ms and a low-pass of {cutoff.value:.0f} Hz by "
+        f"{1e3 * expected:.2f} ms: the samples may have been interpolated"
     )
     return Candidate(candidate.finding, candidate.threshold_nats, told)
 
 
 def _finding(data: Spectra, name: str, slot: Slot, base: _Trial, trial: _Trial, evidence: float) -> Finding:
-    if name in RELEASES:
-        parameters = _released(name, trial.whole)
-    else:
-        parameters = _slot_parameters(slot, trial.whole)
+    parameters = _released(name, trial.whole) if name in RELEASES else _slot_parameters(slot, trial.whole)
     return Finding(name, parameters, float(evidence), places=_places(data, base.whole, trial.whole),
                    advice=effects.get(name).advice)  # fmt: skip
 

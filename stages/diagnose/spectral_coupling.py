@@ -75,7 +75,7 @@ class _Likelihood:
         nothing = self(np.zeros(3))
         found = minimize(lambda rho: min(nothing - self(rho), 1e12), np.zeros(3), method="Nelder-Mead",
                          options={"xatol": 1e-4, "fatol": 1e-3, "initial_simplex": _SIMPLEX})  # fmt: skip
-        return found.x, np.linalg.pinv(self._information(found.x), hermitian=True)
+        return found.x, np.asarray(np.linalg.pinv(self._information(found.x), hermitian=True), dtype=float)
 
     def _information(self, rho: FloatArray) -> FloatArray:
         basis = STEP * np.eye(3)

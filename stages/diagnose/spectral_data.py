@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from schemas.rig import FloatArray
 from stages.diagnose.spectral_residual import FullRateResidual
 
 ComplexArray = NDArray[np.complex128]
+Density = TypeVar("Density", FloatArray, ComplexArray)
 
 SHARE = 1.0 / ((1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)) * (1.0 + 2.0 / 36.0))
 SEGMENT_S = (60.0, 200.0)  # s, shortest and longest segment
@@ -66,12 +68,12 @@ class Grid:
         """Bins, (k,) Hz."""
         return self.omega / (2.0 * np.pi * self.interval)
 
-    def seen(self, density: FloatArray) -> FloatArray:
+    def seen(self, density: Density) -> Density:
         """What Hann segments show on average in the bins, (k,), of a density at the points, (m + j,)."""
         m, half = len(self.fine), len(KERNEL) // 2
         low = density[:m]
         smoothed = np.convolve(np.concatenate([low[half:0:-1].conj(), low]), KERNEL, "valid")
-        return np.concatenate([smoothed[self.keep], density[m:]])
+        return np.concatenate([smoothed[self.keep], density[m:]])  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,8 @@ def spectra(residual: FullRateResidual) -> Spectra:
     weight = np.maximum(number, 1.0)
     width = np.concatenate([np.ones(len(grid.keep)), np.diff(edges[len(grid.keep) :])])
     count = number[:, :, None] * width * _clear(motion / len(starts), power.sum(axis=(0, 1)) / len(starts))
-    return Spectra(grid, power / weight[:, :, None, None, None], count, place / weight, residual.duration)
+    mean = np.asarray(power / weight[:, :, None, None, None], dtype=complex)
+    return Spectra(grid, mean, count, place / weight, residual.duration)
 
 
 def _under_way(residual: FullRateResidual) -> BoolArray:
@@ -180,8 +183,8 @@ def _grid(n: int, interval: float) -> tuple[Grid, NDArray[np.int64]]:
     pooled = np.unique(np.rint(linear * (top / linear) ** (np.arange(count + 1) / max(count, 1))).astype(np.int64))
     edges = np.unique(np.concatenate([np.arange(FIRST, linear + 1), pooled]))
     step = 2.0 * np.pi / n
-    fine = 0.5 * step * np.arange(2 * linear + len(KERNEL))
-    coarse = step * 0.5 * (pooled[:-1] + pooled[1:] - 1.0) if len(pooled) > 1 else np.zeros(0)
+    fine = np.asarray(0.5 * step * np.arange(2 * linear + len(KERNEL)), dtype=float)
+    coarse = np.asarray(step * 0.5 * (pooled[:-1] + pooled[1:] - 1.0), dtype=float)
     return Grid(fine, coarse, 2 * np.arange(FIRST, linear), interval), edges
 
 

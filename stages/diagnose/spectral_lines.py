@@ -16,7 +16,10 @@ from scipy import fft
 from scipy.optimize import minimize_scalar
 
 from physics.units import DEG
+from schemas.products import BoolArray
 from schemas.rig import FloatArray
+from schemas.trial import IntArray
+from stages.diagnose.spectral_data import ComplexArray
 from stages.diagnose.spectral_residual import FullRateResidual
 
 LOWEST_HZ = 0.6  # below it the ship's own motion has its lines
@@ -75,7 +78,7 @@ def strongest(residual: FullRateResidual) -> Line | None:
     return _refined(rate[:, axis], residual.good, T, frequency[index], axis, around, 3 * len(band) // PADDING)
 
 
-def _peak(x: FloatArray, padded: int, band: FloatArray, axis: int) -> tuple[float, int, int, float]:
+def _peak(x: FloatArray, padded: int, band: IntArray, axis: int) -> tuple[float, int, int, float]:
     """Largest |X|^2 / (n S), its ordinate, the axis, and S there."""
     power = np.abs(fft.rfft(x, padded)[band]) ** 2 / len(x)
     around = _around(power)
@@ -92,9 +95,7 @@ def _around(power: FloatArray) -> FloatArray:
     return np.asarray(np.exp(np.interp(np.arange(len(power)), centres, np.log(np.maximum(medians, 1e-300)))))
 
 
-def _refined(
-    x: FloatArray, good: FloatArray, T: float, frequency: float, axis: int, around: float, places: int
-) -> Line:
+def _refined(x: FloatArray, good: BoolArray, T: float, frequency: float, axis: int, around: float, places: int) -> Line:
     n, clock = len(x), np.arange(len(x))
     # One transform near the peak, of the record brought down to zero frequency and averaged, serves every refinement.
     every = max(1, int(0.5 / T))
@@ -103,7 +104,7 @@ def _refined(
     slow = down.reshape(-1, every).sum(axis=1)
     at = T * (every * np.arange(len(slow)) + 0.5 * (every - 1))
 
-    def sums(shift: float) -> FloatArray:
+    def sums(shift: float) -> ComplexArray:
         return np.asarray(slow * np.exp(-2j * np.pi * shift * at))
 
     width = 1.0 / (PADDING * n * T)

@@ -2,8 +2,8 @@
 
     S_i(w) = H[ flexure_i(w; mu_i, b_i^2, sigma_i) ] + (N_m^2 + N_s^2) / T + ...    about each m-axis i
 
-flexure_i is the spectrum of increments of theta over the sample interval T, divided by T^2 (:mod:`physics.whittle`, exact
-with its aliases); effects act on it, and add noise, through their hooks ``flexure_density`` and ``noise_density``.
+flexure_i is the spectrum of increments of theta over the sample interval T, divided by T^2 (:mod:`physics.whittle`,
+exact with its aliases); effects act on it, and add noise, by their hooks ``flexure_density`` and ``noise_density``.
 Everything is positive and fitted in natural logarithms. Nuisances: mu, b^2, sigma of each axis and N_s. They are never
 exactly the twin's: within TOLERANCE they are free; beyond, it takes an effect that releases them.
 """
@@ -28,7 +28,7 @@ from twin.effects._parameters import AXES
 NUISANCES = 10
 FLEXURE, NOISE = slice(0, 9), 9
 DAMPING, STIFFNESS, STD = slice(0, 3), slice(3, 6), slice(6, 9)
-TOLERANCE = np.log([1.6] * 3 + [1.35] * 3 + [1.15] * 3 + [1.1])  # of mu, b^2, sigma, sub-IMU's ARW; factors either way
+TOLERANCE = np.log([1.4] * 3 + [1.55] * 3 + [1.2] * 3 + [1.1])  # of mu, b^2, sigma, sub-IMU's ARW; factors either way
 RELEASED = 4.0  # natural log, either way, of a nuisance that an effect releases
 WIDE = 1.5  # natural-log standard deviation of the weak prior on a released nuisance
 RELEASES = {"flexure_parameters": FLEXURE, "gyro_random_walk": slice(NOISE, NOISE + 1)}
@@ -158,7 +158,7 @@ class Model:
             first += len(slot.parameters)
         return sorted(out, key=lambda effect: _ORDER.get(effect.name, 1))
 
-    def spectrum(self, x: FloatArray, axis: int, shares: Sequence[float]) -> FloatArray:
+    def spectrum(self, x: FloatArray, axis: int, shares: Sequence[float] | FloatArray) -> FloatArray:
         """(g, k) spectrum about an axis as Hann segments see it, at each place in time."""
         T, omega = self.grid.interval, self.grid.points
         flexure = _flexure(self.grid, *x[[axis, 3 + axis, 6 + axis]])

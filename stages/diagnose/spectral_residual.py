@@ -89,7 +89,7 @@ def _bridged(series: ImuSeries, epoch: int) -> matching.Unit:
 def _without_errors(gyro: FloatArray, belief: Imu) -> FloatArray:
     """The rates that a unit of these errors measured, (n, 3) rad/s."""
     matrix = sensors.gyro_matrix(belief.gyro_scale_ppm, belief.gyro_nonorthogonality_arcsec)
-    return np.linalg.solve(matrix, (gyro - np.array(belief.gyro_bias_dph) * DEG_PER_HOUR).T).T
+    return np.asarray(np.linalg.solve(matrix, (gyro - np.array(belief.gyro_bias_dph) * DEG_PER_HOUR).T).T, dtype=float)
 
 
 def _grown(good: BoolArray, interval: float) -> BoolArray:
@@ -165,13 +165,13 @@ def _cleaned(
 
 
 def _attitude(omega: FloatArray, interval: float) -> FloatArray:
-    t = interval * np.arange(len(omega))
+    t = np.asarray(interval * np.arange(len(omega)), dtype=float)
     unit = matching.Unit(t, omega, np.zeros_like(omega), np.zeros(len(t), bool))
     return matching.strapdown(unit).attitude
 
 
 def _integrated(rate: FloatArray, attitude: FloatArray, interval: float) -> FloatArray:
-    """theta at mid-interval of theta' = rate - w x theta, that is A_m^T (c + int A_m rate dt), c such that its mean is 0.
+    """theta at mid-interval of theta' = rate - w x theta: A_m^T (c + int A_m rate dt), c such that its mean is 0.
 
     c is what theta was at first: constant in inertial axes, so that taking the mean out in m-axes would leave products
     of two rates of the ship.
