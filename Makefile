@@ -1,4 +1,4 @@
-.PHONY: setup run test lint bench clean
+.PHONY: setup run test lint bench fuzz clean
 VENV := .venv
 STAMP := $(VENV)/.ready
 PYTHON ?= python3
@@ -28,6 +28,9 @@ test: lint
 
 bench: setup
 	$(VENV)/bin/python -m benchmarks
+
+fuzz: setup
+	$(VENV)/bin/python -m tests.fuzz --seconds $(or $(SECONDS),60)
 
 clean:
 	rm -rf $(VENV) out

@@ -140,7 +140,7 @@ class Fault(Enum):
     FROZEN_TO_THE_END = (log(on(SUB, ch.both(ch.frozen(slice(1000, 3000))))), Refused((SUB, "frozen")))
     FROZEN_GYRO = (
         log(on(SUB, ch.gyro(ch.frozen(slice(1000, 1500))))),
-        Answered((SUB, "500 samples frozen (gyro"), least=0.8),
+        Answered((SUB, "499 samples frozen (gyro"), least=0.8),
     )
     DEAD_AXIS = (
         log(on(SUB, ch.gyro(lambda w: w * [1.0, 0.0, 1.0]))),
