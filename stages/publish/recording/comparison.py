@@ -1,15 +1,16 @@
-"""Comparison: several estimators of one trial overlaid, their errors beside, their RMSE in a table."""
+"""Comparison: several estimators of one trial overlaid, their errors beside, their RMSE as bars and in a table."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from physics.units import ARCMIN
-from schemas.products import Result
+from schemas.products import Result, Score
 from schemas.trial import Trial, Truth
 from stages.publish.document import number, table
 from stages.publish.recording import layout
@@ -18,6 +19,7 @@ from stages.publish.recording.scene import (
     AXES,
     BLUE,
     GREEN,
+    GREY,
     ORANGE,
     PURPLE,
     RED,
@@ -27,7 +29,9 @@ from stages.publish.recording.scene import (
     Scene,
     stride,
 )
+from stages.publish.recording.sheet import Row, bars_height, log_bars, sheet_view
 from stages.publish.recording.stream import record, send_axes, thin_extremes
+from stages.publish.reference import reference_angles
 
 COLOURS: tuple[Colour, ...] = (BLUE, ORANGE, GREEN, PURPLE, RED, (90, 190, 190), (225, 200, 100))
 
@@ -42,17 +46,51 @@ def write_comparison(
 
 
 def _log(rec: rr.RecordingStream, scenes: Sequence[Scene]) -> None:
+    _log_reference(rec, scenes[0])
     for index, scene in enumerate(scenes):
-        _log_estimator(rec, scene, COLOURS[index % len(COLOURS)])
+        _log_estimator(rec, scene, colour_of(index))
+    for axis, name in enumerate("xyz"):
+        rows = rmse_rows(scenes, axis)
+        if rows:
+            log_bars(rec, f"bars/{name}", rows, "RMSE [arcmin]; red: what covariance and reference allow")
     text = rmse_text([scene.result for scene in scenes])
     rec.log("rmse", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
+def colour_of(index: int) -> Colour:
+    """The same colour for an estimator in every view."""
+    return COLOURS[index % len(COLOURS)]
+
+
 def tab(scenes: Sequence[Scene]) -> rrb.Container:
-    """Per axis all estimates and all errors, and the table."""
-    rows = [rrb.Horizontal(*_axis_views(scenes, axis)) for axis in range(3)]
-    side = rrb.TextDocumentView(origin="rmse", name="RMSE")
-    return rrb.Horizontal(rrb.Vertical(*rows), side, column_shares=[3.0, 1.0], name="Comparison")
+    """Per axis all estimates, all errors, and bars of their RMSE; the table beside."""
+    rows = [rrb.Horizontal(*_axis_views(scenes, axis), column_shares=_shares(scenes)) for axis in range(3)]
+    side = rrb.TextDocumentView(origin="rmse", name="In figures")
+    return rrb.Horizontal(rrb.Vertical(*rows), side, column_shares=[3.6, 1.0], name="Comparison")
+
+
+def _shares(scenes: Sequence[Scene]) -> list[float]:
+    return [1.2, 1.2, 1.0] if scenes[0].scores else [1.0]
+
+
+def rmse_rows(scenes: Sequence[Scene], axis: int) -> list[Row]:
+    """A bar for each estimator against the first reference, marked where its own covariance expects it."""
+    return [
+        Row(
+            scene.deformation.estimator,
+            float(score.rmse[axis]) / ARCMIN,
+            colour_of(index),
+            mark=_expected(score, axis),
+            note=number(float(score.rmse[axis]) / ARCMIN),
+        )
+        for index, scene in enumerate(scenes)
+        for score in scene.scores[:1]
+    ]
+
+
+def _expected(score: Score, axis: int) -> float | None:
+    allowed = float(np.hypot(score.predicted[axis], score.reference_noise[axis])) / ARCMIN
+    return allowed if np.isfinite(allowed) else None
 
 
 def rmse_text(results: Sequence[Result]) -> str:
@@ -66,16 +104,30 @@ def rmse_text(results: Sequence[Result]) -> str:
     return "# RMSE of the total angle\n\n" + (table(header, rows) if rows else "The log holds no reference.")
 
 
-def _axis_views(scenes: Sequence[Scene], axis: int) -> list[rrb.TimeSeriesView]:
-    """The estimates of one axis and, where there is a reference, their errors against the first one."""
+def _axis_views(scenes: Sequence[Scene], axis: int) -> list[rrb.View]:
+    """The estimates of one axis and, where there is a reference, errors against the first one and their RMSE."""
     names = [scene.deformation.estimator for scene in scenes]
-    estimates = of_axis([f"deformation/{name}" for name in names], axis)
-    views = [layout.time_view(scenes[0], f"Deformation {AXES[axis]} [arcmin]", estimates)]
+    over = [f"deformation/{score.reference}" for score in scenes[0].scores[:1]]
+    estimates = of_axis([*over, *(f"deformation/{name}" for name in names)], axis)
+    views: list[rrb.View] = [
+        layout.time_view(scenes[0], f"Deformation {AXES[axis]} [arcmin]", estimates, legend=axis == 0)
+    ]
     if scenes[0].scores:
         reference = REFERENCE_NAMES[scenes[0].scores[0].reference]
         errors = of_axis([f"error/{name}" for name in names], axis)
-        views.append(layout.time_view(scenes[0], f"Error {AXES[axis]} against {reference} [arcmin]", errors))
+        title = f"Error {AXES[axis]} against {reference} [arcmin]"
+        views.append(layout.time_view(scenes[0], title, errors, legend=False))
+        height = bars_height(max(len(scenes), 4))
+        views.append(sheet_view(f"bars/{'xyz'[axis]}", f"RMSE {AXES[axis]} [arcmin]", height))
     return views
+
+
+def _log_reference(rec: rr.RecordingStream, scene: Scene) -> None:
+    """The first reference, broad and grey below the estimates."""
+    for score in scene.scores[:1]:
+        stamp, total = reference_angles(scene.deformation, score, stride(score.stamp, scene.rate))
+        name = REFERENCE_NAMES[score.reference]
+        send_axes(rec, f"deformation/{score.reference}", stamp, scene.trial.epoch, total / ARCMIN, name, GREY, 3.0)
 
 
 def _log_estimator(rec: rr.RecordingStream, scene: Scene, colour: Colour) -> None:
