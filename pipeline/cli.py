@@ -13,8 +13,9 @@ import typer
 from pipeline import console
 from pipeline.blind.command import app as blind
 from pipeline.files import check_input, check_target
-from pipeline.options import DEFAULT_ESTIMATOR, DEFAULT_IDENTIFIER, RunOptions
+from pipeline.options import DEFAULT_ESTIMATOR, RunOptions
 from pipeline.registries import Kind, check_name, listing
+from pipeline.settings import Settings
 
 app = typer.Typer(
     help="Deck deformation of ships from pairs of inertial units: MCAP logs in, angles with covariance out.",
@@ -29,7 +30,14 @@ app.add_typer(blind, name="blind")
 Log = Annotated[Path, typer.Argument(metavar="LOG", help="MCAP log of a trial.", show_default=False)]
 Rig = Annotated[Path | None, typer.Option("--rig", metavar="RIG.toml", help="Rig profile: topics, axes, units.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
-Identifier = Annotated[str, typer.Option("--identifier", metavar="NAME", help="How the flexure is identified.")]
+Identifier = Annotated[
+    str | None,
+    typer.Option("--identifier", metavar="NAME", help="How the flexure is identified; else as the estimator wants it."),
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Option of the estimator, or METHOD.KEY=VALUE; repeat for each."),
+]
 Shape = Annotated[str | None, typer.Option("--shape", metavar="NAME", help="How the deck's shape is found.")]
 Report = Annotated[Path | None, typer.Option("--report", metavar="OUT.html", help="Page to write, for reading.")]
 Rate = Annotated[float | None, typer.Option("--rrd-rate", metavar="HZ", min=0.01, help="Thin the recording.")]
@@ -51,6 +59,25 @@ def named(stage: str, option: str, name: str | None) -> None:
         raise typer.BadParameter(str(error), param_hint=option) from error
 
 
+def chosen_settings(
+    words: Sequence[str] | None, estimators: Sequence[str], identifier: str | None, shape: str | None
+) -> Settings:
+    """What --set says; stop with exit status 2 and the options there are if it fits no method that runs."""
+    from pipeline.one_log import own_identifier
+    from pipeline.settings import parsed
+    from stages.shape import names
+
+    try:
+        settings = parsed(words or ())
+        if settings.given:
+            identifiers = [identifier] if identifier else [own_identifier(name) for name in estimators]
+            stages = (("estimate", estimators), ("identify", identifiers), ("shape", [shape or names()[0]]))
+            settings.check([(stage, name) for stage, of_stage in stages for name in dict.fromkeys(of_stage)])
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--set") from error
+    return settings
+
+
 @app.callback()
 def root(debug: Annotated[bool, typer.Option("--debug", help="Show where an error arose.")] = False) -> None:
     """Deck deformation of ships from pairs of inertial units: MCAP logs in, angles with covariance out."""
@@ -63,12 +90,16 @@ def run(
     rrd: Annotated[Path | None, typer.Option("--rrd", metavar="OUT.rrd", help="Rerun recording to write.")] = None,
     parquet: Annotated[Path | None, typer.Option(metavar="DIR", help="Directory for tables to write.")] = None,
     estimator: Annotated[str, typer.Option(metavar="NAME", help="How it is estimated.")] = DEFAULT_ESTIMATOR,
-    identifier: Identifier = DEFAULT_IDENTIFIER,
+    identifier: Identifier = None,
     shape: Shape = None,
+    settings: Set = None,
     rig: Rig = None,
     only_estimates: Annotated[bool, typer.Option("--only-estimates", help="Leave the original channels out.")] = False,
     rrd_rate: Rate = None,
     report: Report = None,
+    compensate: Annotated[
+        Path | None, typer.Option(metavar="REPORT.json", help="Diagnosis whose effects are taken out first.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Find the deck's deformation in a log and write it as new channels and as a recording."""
@@ -79,10 +110,11 @@ def run(
     named("estimate", "--estimator", estimator)
     named("identify", "--identifier", identifier)
     named("shape", "--shape", shape)
-    options = RunOptions(estimator, identifier, shape, rig)
+    chosen = chosen_settings(settings, [estimator], identifier, shape)
+    options = RunOptions(estimator, identifier, shape, rig, chosen, compensate)
     outputs = Outputs(output, rrd, parquet, only_estimates, rrd_rate, report)
-    check_inputs(log, rig)
-    check_outputs(outputs, log, rig)
+    check_inputs(log, rig, compensate)
+    check_outputs(outputs, log, rig, compensate)
     with console.progress_bar() as progress:
         done, written = write_outputs(run_log(log, options, progress), outputs, progress)
     if as_json:
@@ -97,7 +129,8 @@ def run(
 def compare(
     log: Log,
     estimator: Annotated[list[str], typer.Option("--estimator", metavar="NAME", help="Repeat for each.")],
-    identifier: Identifier = DEFAULT_IDENTIFIER,
+    identifier: Identifier = None,
+    settings: Set = None,
     rig: Rig = None,
     rrd: Annotated[Path | None, typer.Option("--rrd", metavar="OUT.rrd", help="Rerun recording to write.")] = None,
     rrd_rate: Rate = None,
@@ -112,10 +145,11 @@ def compare(
     for name in estimator:
         named("estimate", "--estimator", name)
     named("identify", "--identifier", identifier)
+    chosen = chosen_settings(settings, estimator, identifier, None)
     check_inputs(log, rig)
     outputs = Outputs(rrd=rrd, rrd_rate=rrd_rate, report=report)
     check_outputs(outputs, log, rig)
-    options = RunOptions(identifier=identifier, rig=rig)
+    options = RunOptions(identifier=identifier, rig=rig, settings=chosen)
     with console.progress_bar() as progress:
         runs = run_estimators(log, options, list(dict.fromkeys(estimator)), progress)
         written = write_comparison(runs, outputs, progress)
@@ -163,6 +197,41 @@ def simulate(
         console.display(f"wrote {made['log']}: {made['duration_s']:.1f} s of {made['twin']}, seed {made['seed']}")
 
 
+@app.command(epilog="Example: deckflex reproduce td-ma --seeds 5")
+def reproduce(
+    name: Annotated[str, typer.Argument(metavar="NAME|all", help="Published experiment (deckflex list experiments).")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Directory for tables and recordings.")
+    ] = Path("reproduction"),
+    seeds: Annotated[int | None, typer.Option(metavar="N", min=1, help="Seeds 1 to N; else as the experiment.")] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="PAGE.md", help="Page of all; else docs/reproduction.md where there is docs.")
+    ] = None,
+    measured: Annotated[
+        bool, typer.Option("--measured", help="Make texts and page from the tables in DIR; measure nothing.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Run a published experiment again; published figures beside measured ones. NAME all: every one, and their page."""
+    from pipeline.reproducing import reproduce as run_again
+    from pipeline.reproducing import reproduction_document, selected
+
+    try:
+        experiments = selected(name)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="NAME") from error
+    if page is not None and name != "all":
+        raise typer.BadParameter("only all experiments together make a page", param_hint="--page")
+    with console.progress_bar() as progress:
+        outcomes, written = run_again(experiments, output, seeds, page, measured=measured, progress=progress)
+    if as_json:
+        console.emit(reproduction_document(outcomes, written))
+        return
+    from pipeline.reproduction_printing import reproduction_report
+
+    console.display(*reproduction_report(outcomes, written))
+
+
 @app.command("list", epilog="Example: deckflex list estimators")
 def list_(kind: Annotated[Kind, typer.Argument(help="What to list.")], as_json: Json = False) -> None:
     """List what there is to choose from."""
@@ -202,8 +271,8 @@ def version(as_json: Json = False) -> None:
         console.display(document["version"])
 
 
-def check_inputs(log: Path, rig: Path | None) -> None:
+def check_inputs(log: Path, *others: Path | None) -> None:
     """Raise DataError unless the files can be read."""
-    for path in (log, rig):
+    for path in (log, *others):
         if path is not None:
             check_input(path)

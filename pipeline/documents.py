@@ -12,14 +12,15 @@ Document = dict[str, Any]
 
 
 def run_document(run: LogRun, written: Mapping[str, str]) -> Document:
-    """One run: the summary of its result, and the files it wrote, by kind."""
-    return {**summary(run.result, str(run.path), run.wall), "written": dict(written)}
+    """One run: the summary of its result, what was taken out of the log before, and the files it wrote, by kind."""
+    taken_out = {"compensated": list(run.compensated)} if run.compensated else {}
+    return {**summary(run.result, str(run.path), run.wall), **taken_out, "written": dict(written)}
 
 
 def compare_document(runs: Sequence[LogRun], written: Mapping[str, str]) -> Document:
-    """Several estimators on one log; wall_s of each is its own time, decoding and alignment not counted."""
+    """Several estimators on one log; wall_s of each is its own time, what is shared not counted."""
     documents = [summary(run.result, str(run.path), run.seconds["estimate"]) for run in runs]
-    shared = ("log", "identifier", "duration_s")
+    shared = ("log", "duration_s")
     return {
         **{key: documents[0][key] for key in shared},
         "estimators": [{key: value for key, value in one.items() if key not in shared} for one in documents],

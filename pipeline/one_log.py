@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.options import RunOptions
+from pipeline.options import DEFAULT_IDENTIFIER, RunOptions
 from pipeline.provenance import provenance, sha256_of
 from schemas.errors import DataError
 from schemas.products import Alignment, DeckShape, Deformation, Estimate, FlexureModel, Result, Score, Status
@@ -24,7 +24,9 @@ from schemas.trial import Trial
 from stages.publish.best import static_angle, time_delay
 
 if TYPE_CHECKING:
+    from pipeline.compensating import Remedy
     from stages.decode import Decoded
+    from twin.compensation import Compensated
 
 AXES = ("pitch x", "roll y", "heading z")
 SUSPICIOUS_RATIO = 3.0  # RMSE over predicted; the error is one slowly varying constant a run, so 2 happens by chance
@@ -35,13 +37,17 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class LogRun:
-    """One estimator's answer on one log; seconds: wall time of each step, in the order they ran."""
+    """One estimator's answer on one log; seconds: wall time of each step, in the order they ran.
+
+    compensated: what was taken out of the log before estimating, a sentence for each effect.
+    """
 
     path: Path
     decoded: Decoded
     identifier: str
     result: Result
     seconds: dict[str, float]
+    compensated: tuple[str, ...] = ()
 
     @property
     def wall(self) -> float:
@@ -87,8 +93,9 @@ def run_estimators(
     *,
     with_shape: bool = False,
 ) -> tuple[LogRun, ...]:
-    """Several estimators on one decode, one alignment and one identification; their order is kept.
+    """Several estimators on one decode and one alignment, each with its own identifier unless one is named for all.
 
+    Their order is kept; an identifier that serves several runs once.
     with_shape: find the deck's shape too, where a sled was run. Raises DataError, which names the file, and ValueError
     for a name that is not registered.
     """
@@ -104,45 +111,78 @@ def run_estimators(
 
 @dataclass(frozen=True)
 class _Prepared:
-    """What all estimators on a log share."""
+    """What all estimators on a log share. flexures: by identifier, with the seconds it took.
+
+    freed: the log without what a diagnosis found in it, None where none is named.
+    """
 
     decoded: Decoded
     alignment: Alignment
-    flexure: FlexureModel
     origin: Mapping[str, str]
+    freed: Compensated | None = None
+    flexures: dict[str, tuple[FlexureModel, float]] = field(default_factory=dict)
+
+    @property
+    def trial(self) -> Trial:
+        """What an estimator sees."""
+        return self.decoded.trial if self.freed is None else self.freed.trial
+
+    def flexure(self, identifier: str, options: RunOptions, steps: Steps) -> FlexureModel:
+        """What an identifier finds; its time counts for every estimator that uses it."""
+        if identifier not in self.flexures:
+            with steps.step("identify"):
+                model = options.settings.made("identify", identifier).identify(self.trial, self.alignment)
+            self.flexures[identifier] = model, steps.seconds["identify"]
+        model, steps.seconds["identify"] = self.flexures[identifier]
+        return model
 
 
 def _prepared(path: Path, options: RunOptions, steps: Steps) -> _Prepared:
-    """Decode (hashing the file beside it), align, identify."""
+    """Decode (hashing the file beside it), take out what a diagnosis found, align."""
     from stages.align import align
 
+    remedy = _remedy(options)
     with ThreadPoolExecutor(max_workers=1) as pool:
         sha256 = pool.submit(sha256_of, path)
         with steps.step("decode") as report:
             decoded = _decode(path, options, report)
         origin = provenance(path, sha256.result(), options, decoded.trial.rig.name)
+    freed = None
+    if remedy is not None:
+        with steps.step("compensate"):
+            freed = remedy.applied(decoded.trial)
     with steps.step("align"):
-        alignment = align(decoded.trial)
-    with steps.step("identify"):
-        flexure = _identify(options.identifier, decoded.trial, alignment)
-    return _Prepared(decoded, alignment, flexure, origin)
+        alignment = align(decoded.trial if freed is None else freed.trial)
+    return _Prepared(decoded, alignment, origin, freed)
+
+
+def _remedy(options: RunOptions) -> Remedy | None:
+    """What the diagnosis that the options name says to take out; read before the log is."""
+    if options.compensate is None:
+        return None
+    from pipeline.compensating import load_remedy
+
+    return load_remedy(options.compensate)
 
 
 def _finished(ready: _Prepared, name: str, path: Path, options: RunOptions, steps: Steps, with_shape: bool) -> LogRun:
     """Estimate, find the shape, score; the time of what was shared counts for every estimator."""
-    from stages import estimate
     from stages.score import score_all
 
-    own, trial = Steps(steps.progress, dict(steps.seconds)), ready.decoded.trial
+    own, freed = Steps(steps.progress, dict(steps.seconds)), ready.freed
+    trial = ready.trial if freed is None else freed.reference
+    identifier = options.identifier or own_identifier(name)
+    flexure = ready.flexure(identifier, options, own)
     with own.step("estimate"):
-        deformation = estimate.get(name)().estimate(trial, ready.alignment, ready.flexure)
-    deck_shape, trouble = _shape(options.shape, trial, deformation, own) if with_shape else (None, ())
+        deformation = options.settings.made("estimate", name).estimate(ready.trial, ready.alignment, flexure)
+        deformation = deformation if freed is None else freed.restore(deformation)
+    deck_shape, trouble = _shape(options, trial, deformation, own) if with_shape else (None, ())
     with own.step("score"):
         scoring = score_all(deformation, trial, ready.decoded.truth)
     warnings = dict.fromkeys([*_warnings(trial, deformation, scoring.scores), *trouble, *scoring.notes])
-    origin = {**ready.origin, "estimator": name}
+    origin = {**ready.origin, "estimator": name, "identifier": identifier}
     result = Result(deformation, deck_shape, scoring.scores, tuple(warnings), origin)
-    return LogRun(path, ready.decoded, options.identifier, result, own.seconds)
+    return LogRun(path, ready.decoded, identifier, result, own.seconds, freed.notes if freed else ())
 
 
 def _decode(path: Path, options: RunOptions, report: Callable[[int, int], None]) -> Decoded:
@@ -152,14 +192,15 @@ def _decode(path: Path, options: RunOptions, report: Callable[[int, int], None])
     return decode(path, profile, report)
 
 
-def _identify(name: str, trial: Trial, alignment: Alignment) -> FlexureModel:
-    from stages import identify
+def own_identifier(estimator: str) -> str:
+    """The identifier that goes with an estimator; the default one where it names none."""
+    from stages import estimate
 
-    return identify.get(name)().identify(trial, alignment)
+    return str(getattr(estimate.get(estimator), "identifier", DEFAULT_IDENTIFIER))
 
 
 def _shape(
-    name: str | None, trial: Trial, deformation: Deformation, steps: Steps
+    options: RunOptions, trial: Trial, deformation: Deformation, steps: Steps
 ) -> tuple[DeckShape | None, tuple[str, ...]]:
     """Shape of the deck where a sled was run; a bad sled record leaves the rest of the answer standing."""
     from stages import shape
@@ -168,7 +209,8 @@ def _shape(
         return None, ()
     try:
         with steps.step("deck shape"):
-            return shape.get(name or shape.names()[0])().shape(trial, deformation), ()
+            method = options.settings.made("shape", options.shape or shape.names()[0])
+            return method.shape(trial, deformation), ()
     except DataError as error:
         return None, (f"no deck shape: {error}",)
 

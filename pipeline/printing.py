@@ -26,6 +26,7 @@ def run_report(run: LogRun, written: Mapping[str, str]) -> list[object]:
         f"time delay  {delay_line(time_delay(deformation))}",
     ]
     parts += [f"used        {', '.join(deformation.used) or 'not stated'}"]
+    parts += [f"compensated {note}" for note in run.compensated]
     if run.result.deck_shape is not None:
         notes = [f"note        {note}" for note in run.result.deck_shape.notes]
         parts += ["", deck_table(run.result.deck_shape), *(["", *notes] if notes else [])]
@@ -76,7 +77,9 @@ def deck_table(shape: DeckShape) -> Table:
 def compare_report(runs: Sequence[LogRun], written: Mapping[str, str]) -> list[object]:
     """Everything ``deckflex compare`` prints."""
     trial = runs[0].decoded.trial
-    table = plain_table("estimator", "reference", *(f"{axis} [′]" for axis in AXES), "predicted x y z [′]", "wall [s]")
+    table = plain_table(
+        "estimator", "identifier", "reference", *(f"{axis} [′]" for axis in AXES), "predicted x y z [′]", "wall [s]"
+    )
     for run in runs:
         for row in _compared(run):
             table.add_row(*row)
@@ -135,7 +138,7 @@ def _rmse(score: Score, axis: int) -> str:
 def _compared(run: LogRun) -> Iterable[tuple[str, ...]]:
     name, wall = run.result.deformation.estimator, f"{run.seconds['estimate']:.2f}"
     if not run.result.scores:
-        yield name, "none in the log", "–", "–", "–", "–", wall
+        yield name, run.identifier, "none in the log", "–", "–", "–", "–", wall
     for score in run.result.scores:
         predicted = " ".join(angle(value) for value in score.predicted)
-        yield name, score.reference, *(angle(value) for value in score.rmse), predicted, wall
+        yield name, run.identifier, score.reference, *(angle(value) for value in score.rmse), predicted, wall

@@ -69,8 +69,10 @@ def _opening(toml: str) -> str:
     return re.split(r"\. (?=[A-Z])", " ".join(line.lstrip("# ") for line in comment))[0].rstrip(".")
 
 
-def _none() -> tuple[Entry, ...]:
-    return ()
+def _experiments() -> tuple[Entry, ...]:
+    experiments = import_module("pipeline.experiments")
+    found = ((name, experiments.get(name)) for name in experiments.names())
+    return tuple(Entry(name, f"{experiment.about} [{experiment.source}]") for name, experiment in found)
 
 
 LISTINGS: Mapping[Kind, Callable[[], tuple[Entry, ...]]] = {
@@ -79,5 +81,5 @@ LISTINGS: Mapping[Kind, Callable[[], tuple[Entry, ...]]] = {
     Kind.SHAPES: lambda: _methods("shape"),
     Kind.EFFECTS: _effects,
     Kind.TWINS: _twins,
-    Kind.EXPERIMENTS: _none,
+    Kind.EXPERIMENTS: _experiments,
 }

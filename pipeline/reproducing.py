@@ -1,0 +1,275 @@
+"""Published experiments run over seeds: measured rows, their means beside what was printed, and the files of both."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipeline import experiments
+from pipeline.files import check_target, check_targets, staged, writing
+from pipeline.one_log import Progress, Steps
+from pipeline.provenance import deckflex_version
+from schemas.errors import DataError
+from schemas.experiment import Experiment, Figure, Figures, Panel, Part, Printed, Row, Values
+
+if TYPE_CHECKING:
+    import polars as pl
+
+LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "mealpy", "PyWavelets")
+SUFFIXES = {"table": ".parquet", "text": ".md", "recording": ".rrd"}
+ALL = "all"
+_TEXTS = ("case", "method", "quantity", "unit", "note")
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One measured row with the part of the experiment and the seed it comes from."""
+
+    part: str
+    seed: int
+    row: Row
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an experiment gave. panels: of the first seed. versions: of everything whose version moves a figure."""
+
+    experiment: Experiment
+    samples: tuple[Sample, ...]
+    panels: tuple[Panel, ...]
+    versions: Mapping[str, str]
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Means and spreads in the order the rows were measured."""
+        groups: dict[tuple[str, str, str, str], list[Row]] = {}
+        for sample in self.samples:
+            row = sample.row
+            groups.setdefault((sample.part, row.case, row.method, row.quantity), []).append(row)
+        return tuple(_figure(self.experiment, part, rows) for (part, *_), rows in groups.items())
+
+    def of_part(self, part: Part) -> tuple[Figure, ...]:
+        """The figures of one part."""
+        return tuple(figure for figure in self.figures if figure.part == part.title)
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """All seeds that were run."""
+        return tuple(sorted({sample.seed for sample in self.samples}))
+
+    def verdicts(self) -> tuple[tuple[str, bool, str], ...]:
+        """Each claim of the experiment, whether the figures show it, and which."""
+        known = named(self.figures)
+        return tuple((check.claim, *check.verdict(known)) for check in self.experiment.checks)
+
+
+def named(figures: Iterable[Figure]) -> Figures:
+    """Figures by case, method and quantity; where two parts share a name, the first one's."""
+    found: dict[tuple[str, str, str], Figure] = {}
+    for figure in figures:
+        found.setdefault((figure.case, figure.method, figure.quantity), figure)
+    return found
+
+
+def versions() -> dict[str, str]:
+    """Of this package, of Python and of the libraries that compute."""
+    return {
+        "deckflex": deckflex_version(),
+        "python": platform.python_version(),
+        **{name: version(name) for name in LIBRARIES},
+    }
+
+
+def measure(experiment: Experiment, seeds: int, progress: Progress | None = None) -> Outcome:
+    """Run all parts over seeds 1 to ``seeds``, a part at most over its own number. Raises DataError."""
+    steps = Steps(progress)
+    jobs = [(seed, part) for seed in range(1, seeds + 1) for part in experiment.parts if seed <= (part.seeds or seeds)]
+    samples: list[Sample] = []
+    panels: tuple[Panel, ...] = ()
+    with steps.step(experiment.name) as report:
+        for done, (seed, part) in enumerate(jobs):
+            report(done, len(jobs))
+            measured = part.run(seed)
+            samples += [Sample(part.title, seed, row) for row in measured.rows]
+            panels += measured.panels if seed == 1 else ()
+    return Outcome(experiment, tuple(samples), panels, versions())
+
+
+def _figure(experiment: Experiment, part: str, rows: Sequence[Row]) -> Figure:
+    first = rows[0]
+    values = np.array([row.value for row in rows], dtype=float)
+    spread = values.std(axis=0, ddof=1) if len(rows) > 1 else np.full(values.shape[1], np.nan)
+    beside = [_beside(printed, first) for printed in (experiment.printed, experiment.limits)]
+    return Figure(
+        part, first.case, first.method, first.quantity, first.unit, _values(values.mean(axis=0)), _values(spread),
+        len(rows), first.note, *beside,
+    )  # fmt: skip
+
+
+def _values(array: np.ndarray) -> Values:
+    return tuple(float(value) for value in array)
+
+
+def _beside(printed: Iterable[Printed], row: Row) -> Printed | None:
+    key = (row.case, row.method, row.quantity)
+    return next((p for p in printed if (p.case, p.method, p.quantity) == key), None)
+
+
+def targets(experiment: Experiment, directory: Path) -> list[Path]:
+    """Table, text and recording of an experiment."""
+    return [directory / f"{experiment.name}{suffix}" for suffix in SUFFIXES.values()]
+
+
+def check_directory(directory: Path, experiments: Sequence[Experiment], page: Path | None) -> None:
+    """Make the directory and raise DataError unless all files can be written in it."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"cannot be made: {error.strerror}", file=directory) from error
+    files = [path for experiment in experiments for path in targets(experiment, directory)]
+    check_targets([*files, *([page] if page else [])], [])
+
+
+def write(outcome: Outcome, directory: Path, *, recorded: bool = True) -> dict[str, str]:
+    """Table, text and recording, all of them or none; recorded False: the text alone. Returns the paths by kind."""
+    from pipeline.reproduction_page import experiment_text
+    from stages.publish.recording.reproduction import write_reproduction
+
+    name, said = outcome.experiment.name, experiment_text(outcome)
+    writers: dict[str, Callable[[Path], object]] = {
+        "text": lambda path: path.write_text(said, encoding="utf-8"),
+        "table": lambda path: frame(outcome).write_parquet(path, metadata=dict(outcome.versions)),
+        "recording": lambda path: write_reproduction(name, said, outcome.panels, path),
+    }
+    kinds = list(writers) if recorded else ["text"]
+    files = [directory / f"{name}{SUFFIXES[kind]}" for kind in kinds]
+    with staged(files) as temporary:
+        for kind, target, path in zip(kinds, files, temporary, strict=True):
+            with writing(target, path):
+                writers[kind](path)
+    return {f"{kind} {name}": str(path) for kind, path in zip(kinds, files, strict=True)}
+
+
+def frame(outcome: Outcome) -> pl.DataFrame:
+    """One row per measured figure: experiment, part, seed, case, method, quantity, unit, value (a list), note."""
+    import polars as pl
+
+    columns = {
+        "experiment": [outcome.experiment.name for _ in outcome.samples],
+        "part": [sample.part for sample in outcome.samples],
+        "seed": [sample.seed for sample in outcome.samples],
+        **{name: [getattr(sample.row, name) for sample in outcome.samples] for name in _TEXTS},
+        "value": [list(sample.row.value) for sample in outcome.samples],
+    }
+    return pl.DataFrame(columns, schema_overrides={"value": pl.List(pl.Float64)})
+
+
+def measured_before(experiment: Experiment, directory: Path) -> Outcome:
+    """The outcome whose table stands in a directory. Raises DataError when there is none or it is another's."""
+    import polars as pl
+
+    path = directory / f"{experiment.name}.parquet"
+    if not path.is_file():
+        raise DataError(f"there is no table of {experiment.name} here; run it first", file=path)
+    try:
+        table, metadata = pl.read_parquet(path), pl.read_parquet_metadata(path)
+        samples = tuple(_sample(row) for row in table.iter_rows(named=True))
+    except (pl.exceptions.PolarsError, KeyError) as error:
+        raise DataError(f"is not a table of an experiment: {error}", file=path) from error
+    known = {name: metadata[name] for name in versions() if name in metadata}
+    return Outcome(experiment, samples, (), known)
+
+
+def _sample(row: Mapping[str, Any]) -> Sample:
+    texts = {name: row[name] for name in _TEXTS}
+    return Sample(row["part"], row["seed"], Row(**texts, value=tuple(row["value"])))
+
+
+def selected(name: str) -> tuple[Experiment, ...]:
+    """The experiment of that name, or all of them; ValueError with the names there are."""
+    if name == ALL:
+        return tuple(experiments.get(each) for each in experiments.names())
+    return (experiments.get(name),)
+
+
+def reproduce(
+    chosen: Sequence[Experiment],
+    directory: Path,
+    seeds: int | None = None,
+    page: Path | None = None,
+    *,
+    measured: bool = False,
+    progress: Progress | None = None,
+) -> tuple[tuple[Outcome, ...], dict[str, str]]:
+    """Run experiments one after the other, each with its files, and write the page if they are all there are.
+
+    seeds None: as many as an experiment asks for. measured: take the rows from the tables of an earlier run, whose
+    recordings stay. Returns the outcomes and the files by kind. Raises DataError.
+    """
+    whole = len(chosen) == len(experiments.names())
+    target = (page or default_page(directory)) if whole else None
+    if not measured:
+        check_directory(directory, chosen, target)
+    elif target is not None:
+        check_target(target, [])
+    outcomes: list[Outcome] = []
+    written: dict[str, str] = {}
+    for experiment in chosen:
+        outcome = (
+            measured_before(experiment, directory)
+            if measured
+            else measure(experiment, seeds or experiment.seeds, progress)
+        )
+        written |= write(outcome, directory, recorded=not measured)
+        outcomes.append(outcome)
+    return tuple(outcomes), written | (_write_page(outcomes, target) if target else {})
+
+
+def default_page(directory: Path) -> Path:
+    """``docs/reproduction.md`` where there is a folder for it here, else in the directory of the tables."""
+    return Path("docs/reproduction.md") if Path("docs").is_dir() else directory / "reproduction.md"
+
+
+def _write_page(outcomes: Sequence[Outcome], target: Path) -> dict[str, str]:
+    from pipeline.reproduction_page import page
+
+    said = page(outcomes)
+    with staged([target]) as (path,), writing(target, path):
+        path.write_text(said, encoding="utf-8")
+    return {"page": str(target)}
+
+
+def reproduction_document(outcomes: Sequence[Outcome], written: Mapping[str, str]) -> dict[str, Any]:
+    """What ``--json`` prints; figures that do not exist are null."""
+    return {"experiments": [_document(outcome) for outcome in outcomes], "written": dict(written)}
+
+
+def _document(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "name": outcome.experiment.name,
+        "source": outcome.experiment.source,
+        "seeds": list(outcome.seeds),
+        "versions": dict(outcome.versions),
+        "chosen": list(outcome.experiment.chosen),
+        "claims": [{"claim": c, "holds": holds, "measured": said} for c, holds, said in outcome.verdicts()],
+        "figures": [_figure_document(figure) for figure in outcome.figures],
+    }
+
+
+def _figure_document(figure: Figure) -> dict[str, Any]:
+    def plain(values: Values | None) -> list[float | None] | None:
+        return None if values is None else [value if np.isfinite(value) else None for value in values]
+
+    return {
+        **{name: getattr(figure, name) for name in ("part", "case", "method", "quantity", "unit", "n", "note")},
+        "mean": plain(figure.mean),
+        "spread": plain(figure.spread),
+        "published": plain(figure.printed.value if figure.printed else None),
+        "limit": plain(figure.limit.value if figure.limit else None),
+    }
