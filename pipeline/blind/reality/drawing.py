@@ -13,7 +13,7 @@ from pipeline.blind.reality import sensor_causes as sensor
 from pipeline.blind.reality.assembly import assemble
 from pipeline.blind.reality.causes import Cause
 from pipeline.blind.reality.departures import effective
-from pipeline.blind.reality.scenes import GRADES, draw_scene
+from pipeline.blind.reality.scenes import draw_scene
 from pipeline.blind.reality.severity import FOREIGN, LISTED, SEVERITIES, parameters, plain
 from schemas.trial import Trial, Truth
 from twin.config import Twin
@@ -111,9 +111,7 @@ def draw_case(
     multiple = float(choosing.choice(MULTIPLES)) if severity is None else severity
     wanted = _wanted(choosing, null) if effects is None else effects
     drawn = [
-        (item, parameters(item, multiple, scene.twin, GRADES[scene.grade], scene.rates, choosing))
-        if isinstance(item, str)
-        else (item[0], dict(item[1]))
+        (item, parameters(item, multiple, scene, choosing)) if isinstance(item, str) else (item[0], dict(item[1]))
         for item in wanted
     ]
     causes = tuple(CAUSES[name](values) for name, values in drawn)

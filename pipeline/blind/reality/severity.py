@@ -1,18 +1,24 @@
 """How strong a hidden effect is drawn: multiples of the smallest severity that a good diagnosis can detect.
 
-The unit of severity holds for 30 min and navigation-grade units; it grows as a power of 30 min over the duration and,
-for effects that compete with the sensors' noise, with the grade. Vector effects act mostly on one axis.
+The unit of severity is a figure measured for 30 min and navigation-grade units; it grows as a power of 30 min over the
+duration and, for effects that compete with the sensors' noise, with the grade. Where the log's own sea, axis or flexure
+make the bound of :mod:`pipeline.blind.reality.limits` larger, that is the unit. Vector effects act mostly on one axis.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pipeline.blind.reality import limits
+from pipeline.blind.reality.scenes import GRADES, Scene
 from twin.config import Twin
+
+FloatArray = NDArray[np.float64]
 
 Parameters = dict[str, Any]
 AXES = ("x", "y", "z")
@@ -23,8 +29,8 @@ PAIRS = ("xy", "xz", "yx", "yz", "zx", "zy")
 class Draw:
     """What parameters are drawn from.
 
-    severity: the multiple. factor: severity times what duration and grade make of it. rates: rad/s
-    rms about x, y, z.
+    severity: the multiple. factor: severity times what duration and grade make of it. rates: rad/s rms about x, y, z.
+    bound: from what shapes the effect to the smallest detectable values, None where there is no bound.
     """
 
     twin: Twin
@@ -32,6 +38,7 @@ class Draw:
     factor: float
     rates: tuple[float, float, float]
     rng: np.random.Generator
+    bound: Callable[[Parameters], FloatArray | None]
 
     def sign(self) -> float:
         """Either."""
@@ -45,16 +52,23 @@ class Draw:
         """One of three."""
         return str(self.rng.choice(AXES))
 
-    def vector(self, *unit: float, keys: tuple[str, ...] = AXES) -> Parameters:
-        """Values factor x unit (one for all, or one each): on one axis two times of three, else on all."""
+    def sizes(self, units: Sequence[float], shape: Parameters) -> list[float]:
+        """Each the larger of factor x unit and severity x bound, within 15 %."""
+        bound = self.bound(shape)
+        floors = np.zeros(len(units)) if bound is None else bound
+        return [self.about(max(self.factor * u, self.severity * float(b))) for u, b in zip(units, floors)]
+
+    def vector(self, *unit: float, keys: tuple[str, ...] = AXES, shape: Parameters | None = None) -> Parameters:
+        """Sizes of either sign (unit: one for all, or one each): on one axis two times of three, else on all."""
         units = unit * len(keys) if len(unit) == 1 else unit
         chosen = set(keys) if self.rng.uniform() < 1.0 / 3.0 else {str(self.rng.choice(keys))}
-        values = [self.sign() * self.about(self.factor * u) if k in chosen else 0.0 for k, u in zip(keys, units)]
-        return dict(zip(keys, values))
+        sizes = self.sizes(units, shape or {})
+        return {k: self.sign() * size if k in chosen else 0.0 for k, size in zip(keys, sizes)} | (shape or {})
 
-    def listed(self, key: str, *unit: float) -> Parameters:
+    def listed(self, key: str, *unit: float, shape: Parameters | None = None) -> Parameters:
         """The same as a list under a key."""
-        return {key: list(self.vector(*unit).values())}
+        values = self.vector(*unit, shape=shape)
+        return {key: [values[axis] for axis in AXES]} | (shape or {})
 
     def rate(self, low: float, high: float, per: float) -> float:
         """Events per ``per`` s between low and high, such that a whole number, at least one, falls in the record."""
@@ -67,11 +81,11 @@ class Draw:
 
 
 def _time_delay(d: Draw) -> Parameters:
-    return {"delay": d.sign() * d.about(4e-5 * d.factor)}
+    return {"delay": d.sign() * d.sizes([4e-5], {})[0]}
 
 
 def _clock_drift(d: Draw) -> Parameters:
-    return {"drift": d.sign() * d.about(0.04 * d.factor)}
+    return {"drift": d.sign() * d.sizes([0.04], {})[0]}
 
 
 def _jitter(d: Draw) -> Parameters:
@@ -103,11 +117,11 @@ def _bandwidth(d: Draw) -> Parameters:
 
 
 def _step(d: Draw) -> Parameters:
-    return d.vector(0.5) | {"time": float(d.rng.uniform(0.2, 0.8)) * d.twin.run.duration}
+    return d.vector(0.5, shape={"time": float(d.rng.uniform(0.2, 0.8)) * d.twin.run.duration})
 
 
 def _thermal(d: Draw) -> Parameters:
-    return d.listed("amplitude", 4.5, 4.5, 13.0) | {"period": d.period(0.8, 4.0) * d.twin.run.duration}
+    return d.listed("amplitude", 4.5, 4.5, 13.0, shape={"period": d.period(0.8, 4.0) * d.twin.run.duration})
 
 
 def _flexure(d: Draw) -> Parameters:
@@ -162,7 +176,7 @@ def _vibration(d: Draw) -> Parameters:
 
 def _phins_error(d: Draw) -> Parameters:
     period = d.period(45.0, 0.6 * d.twin.run.duration)
-    return d.vector(0.1 * (period / 45.0) ** 0.84) | {"period": period}
+    return d.vector(0.1 * (period / 45.0) ** 0.84, shape={"period": period})
 
 
 def _outliers(d: Draw) -> Parameters:
@@ -171,11 +185,12 @@ def _outliers(d: Draw) -> Parameters:
 
 def _nonlinearity(d: Draw) -> Parameters:
     order = int(d.rng.choice([2, 3]))
-    return d.vector(*(1e-4 / rate ** (order - 1) for rate in d.rates)) | {"order": order}
+    return d.vector(*(1e-4 / rate ** (order - 1) for rate in d.rates), shape={"order": order})
 
 
 def _swinging_clock(d: Draw) -> Parameters:
-    return {"amplitude": d.about(1e-4 * d.factor), "period": d.period(60.0, 240.0)}
+    shape = {"period": d.period(60.0, 240.0)}
+    return {"amplitude": d.sizes([1e-4], shape)[0]} | shape
 
 
 def _bouc_wen(d: Draw) -> Parameters:
@@ -254,13 +269,14 @@ def plain(values: Any) -> Any:
     return values.item() if isinstance(values, np.generic) else values
 
 
-def parameters(
-    name: str, severity: float, twin: Twin, grade: float, rates: tuple[float, float, float], rng: np.random.Generator
-) -> Parameters:
-    """The effect's parameters in the units of the log contract.
-
-    grade: noise over that of a navigation-grade unit. rates: rms of the ship's rates about x, y, z, rad/s.
-    """
-    how = SEVERITIES[name]
+def parameters(name: str, severity: float, scene: Scene, rng: np.random.Generator) -> Parameters:
+    """The effect's parameters in the units of the log contract, for a scene without it."""
+    how, twin, grade = SEVERITIES[name], scene.twin, GRADES[scene.grade]
     factor = severity * (REFERENCE / twin.run.duration) ** how.power * (grade if how.graded else 1.0)
-    return plain(how.parameters(Draw(twin, severity, factor, rates, rng)))
+
+    def bound(shape: Parameters) -> FloatArray | None:
+        seen = limits.drive(scene.nature)
+        columns = limits.unit_signals(name, seen, shape)
+        return None if columns is None else limits.limit(scene.nature, columns, seen)
+
+    return plain(how.parameters(Draw(twin, severity, factor, scene.rates, rng, bound)))

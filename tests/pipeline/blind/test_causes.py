@@ -231,9 +231,7 @@ def test_the_twin_knows_nothing_of_the_effect():
 @pytest.mark.parametrize("name", sorted(SEVERITIES))
 def test_severity_grows_with_the_multiple(name):
     scene = draw_scene(np.random.default_rng(8), 600.0, 100.0, "plain", "calm")
-    weak, strong = (
-        parameters(name, multiple, scene.twin, 2.0, scene.rates, np.random.default_rng(1)) for multiple in (1.0, 10.0)
-    )
+    weak, strong = (parameters(name, multiple, scene, np.random.default_rng(1)) for multiple in (1.0, 10.0))
     assert weak.keys() == strong.keys()
     assert weak != strong
     if name in effects.names():

@@ -1,0 +1,70 @@
+"""The bound on what can be detected, against a dense reference and against least squares on drawn logs."""
+
+import numpy as np
+import pytest
+
+from pipeline.blind.reality import limits
+from pipeline.blind.reality.flexure import STEP, Restoring, grid, random_path, settled
+from pipeline.blind.reality.scenes import draw_scene
+
+
+@pytest.fixture(scope="module")
+def nature():
+    return draw_scene(np.random.default_rng(3), 600.0, 100.0, "navigation", "moderate").nature
+
+
+def test_the_spectrum_of_the_deck_is_that_of_its_integration(nature):
+    """Residual rates and attitude of a drawn path: power in bands against the densities."""
+    f = np.array([0.1, 0.3, 0.6, 1.0])
+    density = limits.spectra(nature, np.linspace(0.0, 4.0, 4001))
+    power = np.zeros((len(f), 3))
+    for seed in range(4):
+        t = grid(nature.duration)
+        rng = np.random.default_rng(seed)
+        path = settled(t, random_path(nature.deck, t, (Restoring(),) * 3, np.ones(len(t)), rng))[1]
+        thin = path[:: round(0.05 / STEP)]
+        window = np.hanning(len(thin))[:, None]
+        spectrum = np.abs(np.fft.rfft(thin * window, axis=0)) ** 2 * 0.05 / (window**2).sum()
+        at = np.fft.rfftfreq(len(thin), 0.05)
+        power += [spectrum[np.abs(at - x) < 0.05].mean(axis=0) / 4.0 for x in f]
+    expected = np.array(
+        [np.mean([np.diag(density[k].real)[6:] for k in range(4001) if abs(k * 1e-3 - x) < 0.05], axis=0) for x in f]
+    )
+    noise = 2.0 * nature.phins.noise**2 / nature.rate
+    slow = 4.0 * nature.phins.tau * nature.phins.drift**2 / (1.0 + (2.0 * np.pi * f[:, None] * nature.phins.tau) ** 2)
+    np.testing.assert_allclose(power, expected - noise - slow, rtol=0.35)
+
+
+def test_the_other_channels_know_most_of_the_flexure_in_the_gyros(nature):
+    """What is left of the gyros' residual, given accelerometers and PHINS, is a small part of it."""
+    density = limits.spectra(nature, np.array([0.099, 0.1, 0.101]))[1]
+    gyro, both, others = density[:3, :3], density[:3, 3:], density[3:, 3:]
+    left = np.diag(gyro - both @ np.linalg.solve(others, both.conj().T)).real
+    assert (left < 0.2 * np.diag(gyro).real).all()
+    assert (left > 0.0).all()
+
+
+def test_longer_and_rougher_logs_bound_less():
+    def bound(duration, sea, name):
+        nature = draw_scene(np.random.default_rng(5), duration, 100.0, "navigation", sea).nature
+        seen = limits.drive(nature)
+        return limits.limit(nature, limits.unit_signals(name, seen, {}), seen)
+
+    assert (bound(1200.0, "rough", "time_delay") < bound(300.0, "rough", "time_delay")).all()
+    assert (bound(600.0, "rough", "lever_arm") < bound(600.0, "calm", "lever_arm")).all()
+
+
+def test_the_bound_is_five_and_a_half_deviations_of_white_noise():
+    """With the flexure and PHINS drift all but gone only white noise is left: sum of squares over the density."""
+    from dataclasses import replace
+
+    nature = draw_scene(np.random.default_rng(3), 600.0, 100.0, "navigation", "moderate").nature
+    nature = nature.with_deck(std=np.full(3, 1e-12))
+    nature = replace(nature, phins=replace(nature.phins, drift=np.full(3, 1e-12)))
+    seen = limits.drive(nature)
+    pulse = np.where((seen.t > 290.0) & (seen.t < 310.0), np.sin(2.0 * np.pi * 0.5 * seen.t), 0.0)
+    found = limits.limit(nature, [limits.signal(seen, accel=np.outer(pulse, [1.0, 0.0, 0.0]))], seen)[0]
+    density = nature.main.vrw**2 + nature.sub.vrw**2
+    energy = np.sum(pulse**2) * limits.STEP
+    window = np.sum(np.hanning(len(seen.t)) ** 2) / len(seen.t)  # the middle of the record weighs 1 / 0.375
+    assert found == pytest.approx(limits.DETECTABLE * np.sqrt(density / energy * window), rel=0.05)
