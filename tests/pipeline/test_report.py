@@ -45,7 +45,7 @@ def test_compare_writes_page_and_recording_with_every_estimator(compared):
 
 
 def test_compared_estimators_are_overlaid_with_bars_of_their_errors(compared):
-    from tests.stages.publish.test_rerun_bridge import chunks, column, view_names
+    from tests.stages.publish.test_rerun_bridge import bar_lengths, chunks, column, view_names
 
     folder, document = compared
     found = chunks(folder / "both.rrd")
@@ -53,8 +53,7 @@ def test_compared_estimators_are_overlaid_with_bars_of_their_errors(compared):
         for kind in ("deformation", "error"):
             assert len(column(found[f"/{kind}/{one['estimator']}/x"], "Scalars:scalars")[0])
     assert "/deformation/truth/x" in found
-    strips = found["/bars/x/bars"][0].column("LineStrips2D:strips")[0].as_py()
-    lengths = [strip[1][0] - strip[0][0] for strip in strips]
+    lengths = bar_lengths(folder / "both.rrd", "/bars/x/bars")
     rmse = [one["rmse_arcmin"]["truth"][0] for one in document["estimators"]]
     assert lengths[1] / lengths[0] == pytest.approx(rmse[1] / rmse[0], rel=0.01)
     assert sum("RMSE" in name and "[arcmin]" in name for name in view_names(folder / "both.rrd")) == 3

@@ -11,7 +11,9 @@ import rerun.blueprint as rrb
 
 from physics.units import ARCMIN
 from schemas.products import Result, Score
+from schemas.rig import FloatArray
 from schemas.trial import Trial, Truth
+from stages.publish.axis import span_of
 from stages.publish.document import number, table
 from stages.publish.recording import layout
 from stages.publish.recording.overview import of_axis
@@ -33,6 +35,7 @@ from stages.publish.recording.sheet import Row, bars_height, log_bars, sheet_vie
 from stages.publish.recording.stream import record, send_axes, thin_extremes
 from stages.publish.reference import reference_angles
 
+RARE = (2.0, 98.0)  # percentiles
 COLOURS: tuple[Colour, ...] = (BLUE, ORANGE, GREEN, PURPLE, RED, (90, 190, 190), (225, 200, 100))
 
 
@@ -42,7 +45,7 @@ def write_comparison(
     """Write the recording of several estimators on one trial; everything is thinned to rate Hz (default 20)."""
     scenes = [Scene(result, trial, truth, rate or SENSOR_RATE, rate or SENSOR_RATE) for result in results]
     name = f"{Path(trial.source).name} {' '.join(scene.deformation.estimator for scene in scenes)}"
-    record(path, name, layout.blueprint([tab(scenes)], layout.time_axis(scenes[0])), lambda rec: _log(rec, scenes))
+    record(path, name, layout.blueprint(tabs(scenes), layout.time_axis(scenes[0])), lambda rec: _log(rec, scenes))
 
 
 def _log(rec: rr.RecordingStream, scenes: Sequence[Scene]) -> None:
@@ -52,7 +55,7 @@ def _log(rec: rr.RecordingStream, scenes: Sequence[Scene]) -> None:
     for axis, name in enumerate("xyz"):
         rows = rmse_rows(scenes, axis)
         if rows:
-            log_bars(rec, f"bars/{name}", rows, "RMSE [arcmin]; red: what covariance and reference allow")
+            log_bars(rec, f"bars/{name}", rows, "RMSE [arcmin]; red: expected by its covariance")
     text = rmse_text([scene.result for scene in scenes])
     rec.log("rmse", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
@@ -62,15 +65,16 @@ def colour_of(index: int) -> Colour:
     return COLOURS[index % len(COLOURS)]
 
 
-def tab(scenes: Sequence[Scene]) -> rrb.Container:
-    """Per axis all estimates, all errors, and bars of their RMSE; the table beside."""
-    rows = [rrb.Horizontal(*_axis_views(scenes, axis), column_shares=_shares(scenes)) for axis in range(3)]
+def tabs(scenes: Sequence[Scene]) -> list[rrb.Container]:
+    """Per axis all estimates and all errors with the table beside; RMSE as bars where there is a reference."""
+    rows = [rrb.Horizontal(*_axis_views(scenes, axis)) for axis in range(3)]
     side = rrb.TextDocumentView(origin="rmse", name="In figures")
-    return rrb.Horizontal(rrb.Vertical(*rows), side, column_shares=[3.6, 1.0], name="Comparison")
-
-
-def _shares(scenes: Sequence[Scene]) -> list[float]:
-    return [1.2, 1.2, 1.0] if scenes[0].scores else [1.0]
+    curves = rrb.Horizontal(rrb.Vertical(*rows), side, column_shares=[3.0, 1.0], name="Comparison")
+    if not scenes[0].scores:
+        return [curves]
+    height = bars_height(max(len(scenes), 4))
+    bars = [sheet_view(f"bars/{n}", f"RMSE {axis} [arcmin]", height) for n, axis in zip("xyz", AXES)]
+    return [curves, rrb.Vertical(*bars, name="RMSE")]
 
 
 def rmse_rows(scenes: Sequence[Scene], axis: int) -> list[Row]:
@@ -100,34 +104,39 @@ def rmse_text(results: Sequence[Result]) -> str:
         for result in results
         for score in result.scores
     ]
-    header = ["estimator", "reference", *(f"{axis} [arcmin]" for axis in AXES)]
+    header = ["estimator", "reference", "x [′]", "y [′]", "z [′]"]
     return "# RMSE of the total angle\n\n" + (table(header, rows) if rows else "The log holds no reference.")
 
 
 def _axis_views(scenes: Sequence[Scene], axis: int) -> list[rrb.View]:
-    """The estimates of one axis and, where there is a reference, errors against the first one and their RMSE."""
+    """The estimates of one axis and, where there is a reference, errors against the first one."""
     names = [scene.deformation.estimator for scene in scenes]
     over = [f"deformation/{score.reference}" for score in scenes[0].scores[:1]]
-    estimates = of_axis([*over, *(f"deformation/{name}" for name in names)], axis)
-    views: list[rrb.View] = [
-        layout.time_view(scenes[0], f"Deformation {AXES[axis]} [arcmin]", estimates, legend=axis == 0)
-    ]
+    entities = of_axis([*over, *(f"deformation/{name}" for name in names)], axis)
+    title = f"Deformation {AXES[axis]} [arcmin]"
+    limits = usual_range([scene.deformation.total[:, axis] / ARCMIN for scene in scenes])
+    views: list[rrb.View] = [layout.time_view(scenes[0], title, entities, limits, legend=axis == 0)]
     if scenes[0].scores:
-        reference = REFERENCE_NAMES[scenes[0].scores[0].reference]
-        errors = of_axis([f"error/{name}" for name in names], axis)
-        title = f"Error {AXES[axis]} against {reference} [arcmin]"
-        views.append(layout.time_view(scenes[0], title, errors, legend=False))
-        height = bars_height(max(len(scenes), 4))
-        views.append(sheet_view(f"bars/{'xyz'[axis]}", f"RMSE {AXES[axis]} [arcmin]", height))
+        title = f"Error {AXES[axis]} against {REFERENCE_NAMES[scenes[0].scores[0].reference]} [arcmin]"
+        entities = of_axis([f"error/{name}" for name in names], axis)
+        limits = usual_range([s.error[:, axis] / ARCMIN for scene in scenes for s in scene.scores[:1]])
+        views.append(layout.time_view(scenes[0], title, entities, limits, legend=False))
     return views
 
 
+def usual_range(values: Sequence[FloatArray]) -> tuple[float, float]:
+    """Limits that hold all but the rarest of each curve: how a filter starts shall not flatten all the rest."""
+    known = [curve[np.isfinite(curve)] for curve in values]
+    ends = [np.percentile(curve, RARE) for curve in known if len(curve)]
+    return span_of(ends, margin=0.15, zero=False)
+
+
 def _log_reference(rec: rr.RecordingStream, scene: Scene) -> None:
-    """The first reference, broad and grey below the estimates."""
+    """The first reference in grey."""
     for score in scene.scores[:1]:
         stamp, total = reference_angles(scene.deformation, score, stride(score.stamp, scene.rate))
         name = REFERENCE_NAMES[score.reference]
-        send_axes(rec, f"deformation/{score.reference}", stamp, scene.trial.epoch, total / ARCMIN, name, GREY, 3.0)
+        send_axes(rec, f"deformation/{score.reference}", stamp, scene.trial.epoch, total / ARCMIN, name, GREY, 1.2)
 
 
 def _log_estimator(rec: rr.RecordingStream, scene: Scene, colour: Colour) -> None:

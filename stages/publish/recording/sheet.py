@@ -18,6 +18,7 @@ NAMES = 52.0  # sheet units for the names on the left
 RIGHT = 18.0
 ROW = 7.0
 FOOT = 14.0
+HALF_BAR = 1.7
 BACKGROUND: Colour = (22, 22, 26)
 STOPS = np.array([(34, 36, 46), (60, 80, 150), (90, 190, 170), (240, 210, 80), (220, 50, 40)], dtype=float)
 TOP_PIXELS = 12  # left free above a map
@@ -62,13 +63,24 @@ def log_bars(
     shown = [t for t in ticks if axis.low <= t[0] <= axis.high] or [(t, axis.text(t)) for t in axis.ticks()]
     _log_ruler(rec, entity, axis, foot, shown)
     middles = [ROW * (k + 0.5) + 1.0 for k in range(len(rows))]
-    ends = [[[_at(axis, 0.0), y], [_at(axis, row.value), y]] for row, y in zip(rows, middles)]
-    colours = [row.colour for row in rows]
-    rec.log(f"{entity}/bars", rr.LineStrips2D(ends, colors=colours, radii=1.7, draw_order=10.0), static=True)
+    _log_strips(rec, f"{entity}/bars", axis, rows, middles)
     _log_whiskers(rec, entity, axis, rows, middles)
     write_texts(rec, f"{entity}/names", [(0.5 * NAMES, y - 2.0) for y in middles], [row.name for row in rows])
     notes = [(row, _right(axis, row), y) for row, y in zip(rows, middles) if row.note]
     write_texts(rec, f"{entity}/notes", [(x + 7.0, y - 2.0) for _, x, y in notes], [row.note for row, _, _ in notes])
+
+
+def _log_strips(
+    rec: rr.RecordingStream, entity: str, axis: Axis, rows: Sequence[Row], middles: Sequence[float]
+) -> None:
+    """Bars from zero to their values: a strip's round ends reach beyond it by its radius, so it is that much shorter."""
+    zero = _at(axis, 0.0)
+    ends = [_at(axis, row.value) for row in rows]
+    radii = [min(HALF_BAR, 0.5 * abs(end - zero)) for end in ends]
+    inset = [radius * (1.0 if end >= zero else -1.0) for end, radius in zip(ends, radii)]
+    strips = [[[zero + d, y], [end - d, y]] for end, d, y in zip(ends, inset, middles)]
+    colours = [row.colour for row in rows]
+    rec.log(entity, rr.LineStrips2D(strips, colors=colours, radii=radii, draw_order=10.0), static=True)
 
 
 def _limits(rows: Sequence[Row]) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from schemas.diagnosis import Tested as Row
 from stages.publish import diagnosis_words as words
 from stages.publish.recording.diagnosis import diagnosis_text, write_diagnosis_recording
 from tests.stages.publish import diagnosed
-from tests.stages.publish.test_rerun_bridge import chunks, column, column_text, view_names
+from tests.stages.publish.test_rerun_bridge import bar_lengths, chunks, column, column_text, view_names
 
 
 @pytest.fixture(scope="module")
@@ -102,8 +102,7 @@ def test_residual_is_in_time_whole_and_broken_where_masked(path):
 
 
 def test_bars_end_where_their_values_are(path):
-    strips = chunks(path)["/shrinkage/bars"][0].column("LineStrips2D:strips")[0].as_py()
-    lengths = [strip[1][0] - strip[0][0] for strip in strips]
+    lengths = bar_lengths(path, "/shrinkage/bars")
     assert lengths[1] == pytest.approx(lengths[0] * 55 / 98, rel=1e-4)
     assert lengths[2] == pytest.approx(0.0, abs=1e-4)
 

@@ -57,6 +57,13 @@ def column_text(path, entity):
     return batch.column("TextDocument:text")[0][0].as_py()
 
 
+def bar_lengths(path, entity):
+    """From end to end, round caps included."""
+    batch = chunks(path)[entity][0]
+    strips, radii = (batch.column(f"LineStrips2D:{part}")[0].as_py() for part in ("strips", "radii"))
+    return [abs(strip[1][0] - strip[0][0]) + 2 * radius for strip, radius in zip(strips, radii)]
+
+
 def view_names(path):
     names = []
     for entity, batches in chunks(path, blueprint=True).items():
