@@ -8,7 +8,7 @@ sums of the samples, so that their means over the intervals are those of the sam
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +30,7 @@ FloatArray = NDArray[np.float64]
 PASS_HZ, STOP_HZ = 2.5, 4.0  # between them the band of the ship's own motion ends
 REJECTION_DB = 140.0
 DEGREE = 5  # of the splines: the derivative of a rate of 1 rad/s is good to 1e-9 at 100 Hz
+REMEMBERED = 800_000  # instants
 SPARE_S = 1.0  # s of motion beyond what is asked for
 PHINS_BLOCK_S, LEVEL_BLOCK_S = 10.0, 60.0  # over which an attitude is compared with PHINS, or with gravity
 
@@ -245,10 +246,42 @@ def _quaternion(matrix: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
 
-def recorded_scene(trial: Trial, twin: Twin, span: tuple[float, float], duration: float | None = None) -> Scene:
+@dataclass(frozen=True)
+class Remembered:
+    """A ship that works out the motion at the same times once, for many replays of one log; not for several threads.
+
+    It remembers up to REMEMBERED instants (200 MB); a log that asks for more is worked out anew each time.
+    """
+
+    ship: RecordedMotion
+    _known: dict[tuple[int, int], Motion] = field(default_factory=dict, repr=False)
+
+    def at(self, t: FloatArray) -> Motion:
+        """Everything at times t (n,) s."""
+        key = (len(t), hash(t.tobytes()))
+        if key not in self._known:
+            motion = self.ship.at(t)
+            if sum(size for size, _ in self._known) + len(t) > REMEMBERED:
+                return motion
+            self._known[key] = motion
+        return self._known[key]
+
+    def angles(self, t: FloatArray) -> FloatArray:
+        """Pitch, roll and heading (n, 3) rad at times t (n,) s."""
+        return self.ship.angles(t)
+
+
+def recorded_scene(
+    trial: Trial,
+    twin: Twin,
+    span: tuple[float, float],
+    duration: float | None = None,
+    ship: Remembered | None = None,
+) -> Scene:
     """The scene of a log: its own motion over a span (s), rate and thermometers; all else is the twin's.
 
     duration: s from the epoch to the end of the record that the trial is a piece of; None: to the end of the trial.
+    ship: the log's motion where it is known already.
     """
     rate = 1e9 / float(np.median(np.diff(trial.sub.stamp)))
     end = float(trial.main.stamp[-1] - trial.epoch) * 1e-9 + 1.0 / rate
@@ -257,7 +290,8 @@ def recorded_scene(trial: Trial, twin: Twin, span: tuple[float, float], duration
     thermometers = {
         unit: _reading(trial, series) for unit, series in known.items() if series is not None and len(series.stamp)
     }
-    return Scene(twin.model_copy(update={"run": run}), RecordedMotion(trial, twin, span), thermometers)
+    moving = RecordedMotion(trial, twin, span) if ship is None else ship
+    return Scene(twin.model_copy(update={"run": run}), moving, thermometers)
 
 
 def _reading(trial: Trial, series: ScalarSeries) -> Callable[[FloatArray], FloatArray]:

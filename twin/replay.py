@@ -16,11 +16,13 @@ from physics import quaternions
 from schemas.errors import DataError
 from schemas.trial import ImuSeries, IntArray, Trial, Truth
 from twin import sampling
+from twin.bending import margin
 from twin.config import Twin
 from twin.effects import Effect
-from twin.recorded import recorded_scene
+from twin.recorded import RecordedMotion, Remembered, recorded_scene
 from twin.simulation import Simulation
 from twin.world import (
+    LEAD,
     NODES,
     STREAMS,
     Carried,
@@ -81,10 +83,17 @@ class Timeline:
         return self.nodes(0, len(self.edge) - 1, per_sample)
 
 
-def replay(twin: Twin, trial: Trial, rng: np.random.Generator, duration: float | None = None) -> Simulation:
+def replay(
+    twin: Twin,
+    trial: Trial,
+    rng: np.random.Generator,
+    duration: float | None = None,
+    ship: Remembered | None = None,
+) -> Simulation:
     """The twin on the motion of a log, with a truth of its own.
 
-    duration: s from the epoch to the end of the whole record, for a trial that is a piece of one.
+    duration: s from the epoch to the end of the whole record, for a trial that is a piece of one. ship: what
+    :func:`remembered` made of the log, which halves the time of every replay but the first.
 
     The main IMU, GNSS, thermometers, sled and rig are those of the log; the sub-IMU and each PHINS that the log has are
     drawn anew, on its stamps, gaps kept. Raises DataError for a log whose units hardly measured.
@@ -96,9 +105,18 @@ def replay(twin: Twin, trial: Trial, rng: np.random.Generator, duration: float |
     lines = _lines(trial)
     per_sample = sampling.substeps(lines["sub"].rate, changed.mount.lever_bandwidth)
     instants = _instants(lines, trial, changed, made, per_sample)
-    scene = recorded_scene(trial, changed, reach(instants, changed.mount.lever_bandwidth), duration)
+    scene = recorded_scene(trial, changed, reach(instants, changed.mount.lever_bandwidth), duration, ship)
     world = draw(scene, made, instants, per_sample, streams, trial.epoch)
     return Simulation(_trial(trial, world, lines, streams), _truth(trial, world), twin)
+
+
+def remembered(twin: Twin, trial: Trial) -> Remembered:
+    """The motion of a log for many replays, by twins that believe the same of the main IMU and of PHINS."""
+    units = (trial.main, trial.sub, trial.phins_main, trial.phins_sub)
+    stamps = [unit.stamp for unit in units if unit is not None and len(unit)]
+    before = 2.0 * LEAD + margin(twin.mount.lever_bandwidth)
+    first, last = (float(end - trial.epoch) * 1e-9 for end in (min(s[0] for s in stamps), max(s[-1] for s in stamps)))
+    return Remembered(RecordedMotion(trial, twin, (first - before, last + before)))
 
 
 def _lines(trial: Trial) -> dict[str, Timeline]:

@@ -28,7 +28,7 @@ from twin.compensation import compensate
 from twin.config import EffectSpec, Twin
 from twin.effects import Effect
 from twin.loading import dump_twin
-from twin.replay import replay
+from twin.replay import remembered, replay
 
 WINDOW_S = 300.0
 LEAST_S = 60.0  # the shortest piece worth an estimate
@@ -110,9 +110,9 @@ class _Means:
 
 def _twin_errors(piece: Trial, twin: Twin, rng: np.random.Generator, count: int, duration: float) -> _Means:
     tuned: _Tuned | None = None
-    squares = []
+    squares, ship = [], remembered(twin, piece)
     for stream in rng.spawn(max(count, 1)):
-        drawn = replay(twin, piece, stream, duration)
+        drawn = replay(twin, piece, stream, duration, ship)
         alignment = align(drawn.trial)
         if tuned is None:
             flexure = identify.get(IDENTIFIER)().identify(drawn.trial, alignment)

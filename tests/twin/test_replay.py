@@ -13,7 +13,7 @@ from tests.twin.worlds import PERFECT, perfect
 from twin import make_twin, simulate
 from twin.motion import ShipMotion
 from twin.recorded import RecordedMotion
-from twin.replay import Timeline, replay
+from twin.replay import Timeline, remembered, replay
 from twin.sea import realise
 from twin.world import STREAMS
 
@@ -184,6 +184,29 @@ def test_the_same_generator_draws_the_same() -> None:
     a, b = (replay(twin, trial, np.random.default_rng(5)) for _ in range(2))
     np.testing.assert_array_equal(a.trial.sub.gyro, b.trial.sub.gyro)
     np.testing.assert_array_equal(a.truth.total, b.truth.total)
+
+
+@pytest.mark.parametrize("effect", ["time_delay", "wave_forced_bending", "phins_latency", "heel_bending"])
+def test_a_remembered_motion_changes_nothing(effect: str) -> None:
+    twin = make_twin({"run": {"duration": 20.0}, "effect": [table(effect)]})
+    trial = simulate(twin).trial
+    ship = remembered(twin, trial)
+    for seed in (1, 2):
+        a, b = (replay(twin, trial, np.random.default_rng(seed), ship=given).trial for given in (None, ship))
+        assert np.abs(a.sub.gyro - b.sub.gyro).max() < 1e-10
+        assert np.abs(a.sub.accel - b.sub.accel).max() < 1e-7
+        assert np.abs(turned(a.phins_sub.attitude, b.phins_sub.attitude)).max() < 1e-9
+
+
+def test_what_is_too_long_to_remember_is_worked_out_anew(monkeypatch) -> None:
+    twin = make_twin({"run": {"duration": 20.0}})
+    trial = simulate(twin).trial
+    short, whole = remembered(twin, trial), remembered(twin, trial)
+    monkeypatch.setattr("twin.recorded.REMEMBERED", 10)
+    a = replay(twin, trial, np.random.default_rng(1), ship=short).trial
+    monkeypatch.undo()
+    b = replay(twin, trial, np.random.default_rng(1), ship=whole).trial
+    np.testing.assert_array_equal(a.sub.gyro, b.sub.gyro)
 
 
 def test_a_log_that_hardly_measured_is_refused() -> None:
