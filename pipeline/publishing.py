@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -121,9 +122,13 @@ def _write_log(path: Path, run: LogRun, outputs: Outputs) -> None:
 
 
 def _write_recording(path: Path, run: LogRun, outputs: Outputs) -> None:
+    os.environ.setdefault("RUST_LOG", "off")  # what Rerun has to say of a full disk is said here, in one line
     from stages.publish.rerun_bridge import write_recording
 
-    write_recording(run.result, run.decoded.trial, run.decoded.truth, path, outputs.rrd_rate)
+    try:
+        write_recording(run.result, run.decoded.trial, run.decoded.truth, path, outputs.rrd_rate)
+    except RuntimeError as error:
+        raise DataError(f"cannot be written: {error}", file=path) from error
 
 
 def _write_page(path: Path, run: LogRun) -> None:

@@ -39,7 +39,7 @@ def viewer_command(recording: Path, *, web: bool) -> list[str]:
 
 def _show(recording: Path, web: bool) -> None:
     command = viewer_command(check_input(recording), web=web)
-    quiet = {} if web else {"RUST_LOG": "error"}
-    status = subprocess.run(command, check=False, stdout=sys.stderr, env={**os.environ, **quiet}).returncode
+    loudness = {"RUST_LOG": "info" if web else "error"}  # the address to open is told as information
+    status = subprocess.run(command, check=False, stdout=sys.stderr, env={**os.environ, **loudness}).returncode
     if status != 0:
         raise DataError(f"the viewer ended with status {status}; without a screen, try --web", file=recording)

@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 
 from physics.units import ARCMIN
+from schemas.errors import DataError
 from schemas.products import DeckShape, Deformation, Result
 from schemas.trial import Trial
 from schemas.wire import append_tables, write_log
@@ -45,14 +46,24 @@ def write_parquet(result: Result, directory: Path, stem: str) -> tuple[Path, ...
     if result.deck_shape is not None:
         frames["deck_shape"] = deck_shape_frame(result.deck_shape)
     directory.mkdir(parents=True, exist_ok=True)
-    return tuple(_write(frame, directory / f"{stem}.{name}.parquet") for name, frame in frames.items())
+    paths = {name: directory / f"{stem}.{name}.parquet" for name in frames}
+    partial = {name: path.with_name(f".{path.name}.partial") for name, path in paths.items()}
+    try:
+        for name, frame in frames.items():
+            _write(frame, partial[name], paths[name])
+        for name, path in paths.items():
+            partial[name].replace(path)
+    finally:
+        for left in partial.values():
+            left.unlink(missing_ok=True)
+    return tuple(paths.values())
 
 
-def _write(frame: pl.DataFrame, path: Path) -> Path:
-    partial = path.with_name(f".{path.name}.partial")
-    frame.write_parquet(partial)
-    partial.replace(path)
-    return path
+def _write(frame: pl.DataFrame, partial: Path, path: Path) -> None:
+    try:
+        frame.write_parquet(partial)
+    except pl.exceptions.PolarsError as error:  # an error of the file system comes as one of polars' own
+        raise DataError(f"cannot be written: {error}", file=path) from error
 
 
 def deformation_frame(deformation: Deformation) -> pl.DataFrame:

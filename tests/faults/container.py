@@ -194,3 +194,14 @@ def lying_message_index(data: bytes) -> bytes:
     start = next(start for op, start, _ in records(data) if op == Opcode.MESSAGE_INDEX)
     place = start + FRAME_SIZE + 6
     return data[:place] + struct.pack("<QQ", 5, 1 << 62) + data[place + 16 :]
+
+
+def with_hostile_names(data: bytes) -> bytes:
+    """Topics, types, attachments and metadata that are named as files elsewhere."""
+    name = "../../escape"
+    extra = record_bytes(mcap.Schema(901, b"float64 x", "ros2msg", name))
+    extra += record_bytes(mcap.Channel(901, f"/{name}", "cdr", {name: name}, 901))
+    extra += record_bytes(mcap.Message(901, 5, b"\0\1\0\0" + bytes(8), 5, 0))
+    extra += record_bytes(mcap.Attachment(5, 5, name, "text/plain", b"#!/bin/sh"))
+    extra += record_bytes(mcap.Metadata(name, {name: name, "[red]": "\x1b[31m"}))
+    return data[: data_end(data)] + extra + end()

@@ -84,6 +84,9 @@ class Fault(Enum):
     SMALL_FILE_HUGE_MAIN = (file(ct.hostile_main("float64[1000000000000] x")), Refused(("/imu/main",)))
     SMALL_FILE_HUGE_SEQUENCE = (file(ct.hostile_main("string[] x")), Refused(("/imu/main",)))
 
+    # names
+    NAMES_THAT_ARE_PATHS = (file(ct.with_hostile_names), Answered())
+
     # channels
     NO_MAIN = (log(without(MAIN)), Refused((MAIN, "missing", SUB)))
     NO_SUB = (log(without(SUB)), Refused((SUB, "missing", MAIN)))
