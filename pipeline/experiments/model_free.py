@@ -23,9 +23,6 @@ WRONG: Mapping[str, dict[str, Any]] = {
 VARIED: Mapping[str, dict[str, Any]] = {
     "quasi-static angle x 0": {"flexure": {"quasi_static_amplitude_arcmin": [0.0, 0.0, 0.0]}},
     "gyro noise 0.001 deg/sqrt(h)": {"imu": {unit: {"gyro_arw": 0.001} for unit in ("main", "sub")}},
-    "other phases of the waves": {
-        "sea": {"pitch": [[4.0, 8.0, 200.0]], "roll": [[5.0, 7.0, 20.0]], "heading": [[3.0, 6.0, 110.0]]}
-    },
 }
 
 

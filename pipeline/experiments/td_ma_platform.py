@@ -12,7 +12,7 @@ from schemas.experiment import Experiment, Measured, Panel, Part, Printed, Row
 PUBLISHED = ("td-ma", "td-noma", "notd-ma", "notd-noma")
 METHODS = (*PUBLISHED, "smoother")
 CASES = {"15 ms": 0.015, "15 samples, 75 ms": 0.075}
-DURATION = 600.0  # s
+DURATION = 300.0  # s
 
 
 def accuracy(seed: int) -> Measured:
