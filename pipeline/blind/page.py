@@ -6,8 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from pipeline.blind.matching import FOREIGN_ALIKES
+
 CELL = 15  # px
 LEFT, TOP = 190, 190  # px, for the names
+RIGHT = {
+    True: ("no_gap",),
+    False: ("unknown_effect", "partly_explained"),
+}  # first answers to a null, to what is outside
 
 
 def markdown(document: Mapping[str, Any], picture: str | None = None) -> str:
@@ -28,7 +34,7 @@ def markdown(document: Mapping[str, Any], picture: str | None = None) -> str:
 def figure(document: Mapping[str, Any]) -> str:
     """The confusion matrix of the first method as SVG: rows are the truth, columns the first answer."""
     table: Mapping[str, Mapping[str, int]] = next(iter(document["methods"].values()))["confusion"]
-    rows = list(table)
+    rows = sorted(table, key=lambda row: (row != "null", _is_outside(row), row))
     seen = {answer for row in table.values() for answer in row}
     columns = [name for name in rows if name in seen] + sorted(seen - set(rows))
     width, height = LEFT + CELL * len(columns) + 20, TOP + CELL * len(rows) + 20
@@ -51,17 +57,22 @@ def figure(document: Mapping[str, Any]) -> str:
 
 
 def _cells(i: int, row: str, columns: Sequence[str], counts: Mapping[str, int]) -> Iterable[str]:
-    """Squares of one row, darker with the share of the row; green on the diagonal, red off it."""
+    """Squares of one row, darker with the share of the row; green where the answer is right, red where not."""
     total = sum(counts.values())
     for j, column in enumerate(columns):
         count = counts.get(column, 0)
-        right = column == row or (row == "null" and column == "no_gap")
+        right = column in RIGHT[row == "null"] if row == "null" or _is_outside(row) else column == row
         shade = f"rgba({'22,120,80' if right else '190,60,40'},{0.15 + 0.85 * count / total:.2f})" if count else "#fff"
         x, y = LEFT + CELL * j, TOP + CELL * i
         yield f'<rect x="{x}" y="{y}" width="{CELL}" height="{CELL}" fill="{shade}"/>'
         if count:
             dark = "#fff" if count > 0.4 * total else "#222"
             yield f'<text class="n" x="{x + CELL / 2}" y="{y + 11}" style="fill:{dark}">{count}</text>'
+
+
+def _is_outside(row: str) -> bool:
+    """The library does not have it."""
+    return row in FOREIGN_ALIKES or row.endswith("(removed)")
 
 
 def _words(name: str) -> str:
@@ -80,7 +91,7 @@ def _heading(document: Mapping[str, Any]) -> str:
     if opening["number"] > 1:
         changed = "have changed" if opening["answers_changed_since"] else "have not changed"
         lines.append(f"**The seal had been opened before this scoring**; the answers {changed} since then.")
-    lines.append("Intervals are of 95 % (Wilson for shares, bootstrap for medians).")
+    lines.append("Intervals are of 95 % (Wilson for shares, bootstrap for medians and means).")
     return "\n\n".join(lines)
 
 
@@ -90,15 +101,15 @@ def _headline(methods: Mapping[str, Any]) -> str:
         ("one effect, 3 times the detectable and more: first name right", ("single", "top1")),
         ("the same, stated look-alikes counted", ("single", "group")),
         ("the same, truth among names and look-alikes", ("single", "in_set")),
-        ("size of that set", ("single", "set_size")),
-        ("spurious names a log", ("single", "spurious_per_log")),
+        ("size of that set, mean", ("single", "set_size")),
+        ("spurious names a log, mean", ("single", "spurious_per_log")),
         ("detected", ("single", "detected")),
         ("channel and axis right", ("single", "place")),
         ("channel and axis among the first three", ("single", "place_of_three")),
         ("nulls: a false name", ("nulls", "false_name")),
         ("nulls: any alarm", ("nulls", "any_alarm")),
         ("two effects: both named", ("pairs", "both")),
-        ("two effects: spurious names a log", ("pairs", "spurious_per_log")),
+        ("two effects: spurious names a log, mean", ("pairs", "spurious_per_log")),
         ("outside the library: not explained", ("outside", "not_explained")),
         ("outside the library: confident and outside the group", ("outside", "confidently_wrong")),
         ("parameters within 3 sigma", ("parameters", "within_3_sigma")),
@@ -124,17 +135,17 @@ def _at(found: Mapping[str, Any], path: Sequence[str]) -> Any:
 
 
 def _shown(value: Any) -> str:
-    """A share, a median or a number as text."""
+    """A share, or a median or mean, as text."""
     if isinstance(value, Mapping) and "share" in value:
         if value["share"] is None:
             return "none"
         low, high = value["ci95"]
         return f"{100 * value['share']:.1f} % [{100 * low:.1f}, {100 * high:.1f}] ({value['k']}/{value['n']})"
     if isinstance(value, Mapping):
-        if value["median"] is None:
+        if value["value"] is None:
             return "none"
-        return f"{value['median']:.3g} [{value['ci95'][0]:.3g}, {value['ci95'][1]:.3g}] (n = {value['n']})"
-    return "none" if value is None else f"{value:.2f}"
+        return f"{value['value']:.3g} [{value['ci95'][0]:.3g}, {value['ci95'][1]:.3g}] (n = {value['n']})"
+    return "none"
 
 
 def _nulls(found: Mapping[str, Any]) -> str:

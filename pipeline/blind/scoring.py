@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.blind.folder import ANSWERS, OPENED, Sealed, read_json, read_manifest, write_json
 from pipeline.blind.matching import Case, relative_error
-from pipeline.blind.statistics import Share, median, share
+from pipeline.blind.statistics import Share, mean, median, share
 from pipeline.blind.vault import fingerprint, read_key, unlock
 from schemas.errors import DataError
 
@@ -67,7 +67,7 @@ def summary(found: Sequence[Case]) -> dict[str, Any]:
         "failures": share(c.failed for c in found).document(),
         "nulls": nulls([c for c in found if c.kind == "null"]),
         "single": singles(strong),
-        "by_severity": _grouped(single, lambda c: f"{c.severity:g}"),
+        "by_severity": _grouped(single, lambda c: f"{c.severity:g}", in_full=True),
         "by_effect": _grouped(strong, lambda c: c.true_names[0]),
         "by_grade": _grouped(strong, lambda c: str(c.truth["grade"])),
         "by_sea": _grouped(strong, lambda c: str(c.truth["sea"])),
@@ -76,10 +76,11 @@ def summary(found: Sequence[Case]) -> dict[str, Any]:
         "outside": outside([c for c in found if c.kind in ("foreign", "removed") and c.severity >= HEADLINE]),
         "foreign": outside([c for c in found if c.kind == "foreign" and c.severity >= HEADLINE]),
         "removed": outside([c for c in found if c.kind == "removed" and c.severity >= HEADLINE]),
-        "parameters": parameters(single),
+        "parameters": parameters(strong),
         "gap": gaps(strong),
         "calibration": calibration([c for c in found if c.kind != "removed"]),
         "confusion": confusion(found),
+        "cases": [_case(c) for c in found],
     }
 
 
@@ -99,8 +100,8 @@ def singles(found: Sequence[Case]) -> dict[str, Any]:
         "top1": share(c.right_first for c in found).document(),
         "group": share(c.right_group for c in found).document(),
         "in_set": share(bool(c.candidates & set(c.true_names)) for c in found).document(),
-        "set_size": float(np.mean([len(c.candidates) for c in found])) if found else None,
-        "spurious_per_log": float(np.mean([len(c.spurious) for c in found])) if found else None,
+        "set_size": mean([len(c.candidates) for c in found]).document(),
+        "spurious_per_log": mean([len(c.spurious) for c in found]).document(),
         "place": share(c.place_right() for c in found).document(),
         "place_of_three": share(c.place_right(3) for c in found).document(),
     }
@@ -112,7 +113,7 @@ def pairs(found: Sequence[Case]) -> dict[str, Any]:
         "both": share(set(c.true_names) <= set(c.named) for c in found).document(),
         "both_in_sets": share(set(c.true_names) <= c.candidates for c in found).document(),
         "one": share(bool(set(c.true_names) & set(c.named)) for c in found).document(),
-        "spurious_per_log": float(np.mean([len(c.spurious) for c in found])) if found else None,
+        "spurious_per_log": mean([len(c.spurious) for c in found]).document(),
     }
 
 
@@ -129,7 +130,7 @@ def outside(found: Sequence[Case]) -> dict[str, Any]:
 def parameters(found: Sequence[Case]) -> dict[str, Any]:
     """Errors of the parameters of effects named rightly and first."""
     right = [c for c in found if c.right_first]
-    numbers = [p for c in right if c.severity >= HEADLINE for p in c.parameters()]
+    numbers = [p for c in right for p in c.parameters()]
     with_std = [p for p in numbers if p.z is not None]
     errors = [e for c in right if c.severity >= STRONG and (e := relative_error(c)) is not None]
     return {
@@ -178,21 +179,31 @@ def confusion(found: Sequence[Case]) -> dict[str, dict[str, int]]:
     return {row: dict(sorted(table[row].items())) for row in sorted(table)}
 
 
+def _case(case: Case) -> dict[str, Any]:
+    """One log in a line: what was there and what was said."""
+    return {
+        "log": case.truth["name"],
+        "kind": case.kind,
+        "severity": case.severity,
+        "truth": [{"name": e["name"], "parameters": e["parameters"]} for e in case.truth["effects"]],
+        "verdict": case.verdict,
+        "named": case.named,
+        "failure": case.report.get("failure"),
+    }
+
+
 def _right(named: Sequence[tuple[float, bool]], low: float, high: float) -> Share:
     return share(right for nats, right in named if low <= nats < high)
 
 
-def _grouped(found: Sequence[Case], by: Callable[[Case], str]) -> dict[str, Any]:
+def _grouped(found: Sequence[Case], by: Callable[[Case], str], *, in_full: bool = False) -> dict[str, Any]:
+    """The figures of :func:`singles` for each group; in_full: those of parameters and gap too."""
     groups: dict[str, list[Case]] = {}
     for case in found:
         groups.setdefault(by(case), []).append(case)
     return {
-        name: {
-            "detected": share(c.detected for c in group).document(),
-            "top1": share(c.right_first for c in group).document(),
-            "group": share(c.right_group for c in group).document(),
-        }
-        for name, group in sorted(groups.items())
+        name: singles(group) | ({"parameters": parameters(group), "gap": gaps(group)} if in_full else {})
+        for name, group in sorted(groups.items(), key=lambda item: (len(item[0]), item[0]) if in_full else item)
     }
 
 

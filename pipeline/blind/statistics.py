@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt
 from typing import Any
@@ -39,16 +39,10 @@ class Share:
         """As in the score file."""
         return {"k": self.k, "n": self.n, "share": self.value, "ci95": list(self.interval)}
 
-    def __str__(self) -> str:
-        if self.value is None:
-            return "none"
-        low, high = self.interval
-        return f"{100 * self.value:.1f} % ({self.k}/{self.n}; {100 * low:.1f} to {100 * high:.1f})"
-
 
 @dataclass(frozen=True)
 class Middle:
-    """Median of n values with a bootstrap interval."""
+    """Median or mean of n values with a bootstrap interval."""
 
     value: float | None
     low: float | None
@@ -57,12 +51,7 @@ class Middle:
 
     def document(self) -> dict[str, Any]:
         """As in the score file."""
-        return {"median": self.value, "ci95": [self.low, self.high], "n": self.n}
-
-    def __str__(self) -> str:
-        if self.value is None:
-            return "none"
-        return f"{self.value:.3g} ({self.low:.3g} to {self.high:.3g}; n = {self.n})"
+        return {"value": self.value, "ci95": [self.low, self.high], "n": self.n}
 
 
 def share(flags: Iterable[bool]) -> Share:
@@ -73,9 +62,18 @@ def share(flags: Iterable[bool]) -> Share:
 
 def median(values: Sequence[float]) -> Middle:
     """Median; its interval by resampling with a fixed seed, so that a score can be repeated."""
+    return _middle(values, np.median)
+
+
+def mean(values: Sequence[float]) -> Middle:
+    """Mean, likewise."""
+    return _middle(values, np.mean)
+
+
+def _middle(values: Sequence[float], statistic: Callable[..., Any]) -> Middle:
     if not len(values):
         return Middle(None, None, None, 0)
     array = np.asarray(values, dtype=float)
     drawn = np.random.default_rng(0).choice(array, (RESAMPLES, len(array)))
-    low, high = np.quantile(np.median(drawn, axis=1), [0.025, 0.975])
-    return Middle(float(np.median(array)), float(low), float(high), len(array))
+    low, high = np.quantile(statistic(drawn, axis=1), [0.025, 0.975])
+    return Middle(float(statistic(array)), float(low), float(high), len(array))
