@@ -56,7 +56,7 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
 
 def tab(scene: Scene) -> rrb.Container:
     """Errors and innovations on the left, RMS, lanes and table on the right."""
-    left: list[object] = [error_view(scene, axis) for axis in range(3)] if scene.scores else []
+    left: list[object] = [error_view(scene, axis, axis == 0) for axis in range(3)] if scene.scores else []
     if scene.deformation.innovations is not None:
         name = "Innovations, standardised (±3 expected) [1]"
         left.append(layout.time_view(scene, name, ["innovations"], y_range=(-6.0, 6.0)))
@@ -67,7 +67,7 @@ def tab(scene: Scene) -> rrb.Container:
         rrb.TextDocumentView(origin="accuracy", name="Accuracy in figures"),
     ]
     columns = [rrb.Vertical(*left)] if left else []  # type: ignore[arg-type]
-    return rrb.Horizontal(*columns, rrb.Vertical(*right), name="Accuracy")
+    return rrb.Horizontal(*columns, rrb.Vertical(*right, row_shares=[1.7, 1.9, 3.0]), name="Accuracy")
 
 
 def _log_innovations(rec: rr.RecordingStream, scene: Scene, innovations: Innovations) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -20,26 +22,38 @@ UNIT = 1e-5  # rad/m, of the axis
 RUN_COLOURS: tuple[Colour, ...] = (
     (110, 150, 130), (150, 130, 110), (130, 115, 150), (115, 140, 155), (150, 115, 130), (135, 150, 115),
 )  # fmt: skip
+BAND: Colour = (90, 120, 170)
 MAX_RUNS_NAMED = 6
 MAX_POINTS = 1500  # per run and curve
 
 
 def log(rec: rr.RecordingStream, shape: DeckShape) -> None:
-    """Three charts and the bent line."""
+    """The curves, how far each run departs from them, and the bent line."""
     for axis, (name, _) in enumerate(CURVES):
         log_chart(rec, f"deck/{name}", curve_chart(shape, axis))
+        log_chart(rec, f"deck/{name}_runs", runs_chart(shape, axis))
     log_chart(rec, "deck/line", line_chart(shape))
 
 
 def tab(scene: Scene) -> rrb.Container:
-    """Curves two by two with the line."""
-    views = [chart_view(f"deck/{name}", f"{title} [1e-5 rad/m] over arc length [m]") for name, title in CURVES]
-    return rrb.Grid(
-        *views,
-        chart_view("deck/line", "Deformed line against straight, z [mm] over arc length [m]"),
-        grid_columns=2,
-        name="Deck shape",
-    )
+    """Curves above, the runs against them below, the line at the foot."""
+    curves = [chart_view(f"deck/{name}", f"{title} [1e-5 rad/m]") for name, title in CURVES]
+    runs = [chart_view(f"deck/{name}_runs", f"Each run minus all, {name} [1e-5 rad/m]") for name, _ in CURVES]
+    line = chart_view("deck/line", "Deformed line against straight, z [mm]")
+    rows = (rrb.Horizontal(*curves), rrb.Horizontal(*runs), line)
+    return rrb.Vertical(*rows, name="Deck shape")
+
+
+def runs_chart(shape: DeckShape, axis: int) -> Chart:
+    """How far each run departs from all runs together, within their +-3 sigma."""
+    s, k, sigma = shape.arc_length, shape.curvature[:, axis], shape.std[:, axis]
+    curves = [Curve(s, sign * 3 * sigma, BAND, "±3σ, all" if sign > 0 else "", 1.0) for sign in (1, -1)]
+    for run in shape.passes:
+        curve = _run_curve(run, axis)
+        curves.append(replace(curve, y=curve.y - np.interp(curve.x, s, k), width=1.0))
+    low, high = span_of([curve.y for curve in curves])
+    x = Axis(float(s[0]), float(s[-1]), "arc length [m]")
+    return Chart(x, Axis(low, high, "run minus all [1e-5 rad/m]", scale=UNIT), curves)
 
 
 def curve_chart(shape: DeckShape, axis: int) -> Chart:
@@ -49,9 +63,7 @@ def curve_chart(shape: DeckShape, axis: int) -> Chart:
     design = shape.design[:, axis] if shape.design is not None else np.zeros_like(k)
     shown = [k - 3 * sigma, k + 3 * sigma, design]
     curves = [_run_curve(run, axis) for run in shape.passes]
-    curves += [
-        Curve(s, k + sign * 3 * sigma, (90, 120, 170), "all runs ±3σ" if sign > 0 else "", 1.0) for sign in (1, -1)
-    ]
+    curves += [Curve(s, k + sign * 3 * sigma, BAND, "all runs ±3σ" if sign > 0 else "", 1.0) for sign in (1, -1)]
     curves.append(Curve(s, k, BLUE, "all runs", 2.5))
     if shape.design is not None:
         curves.append(Curve(s, design, GREY, "design", 1.0, dashed=True))

@@ -36,6 +36,7 @@ from stages.publish.verdict import verdict
 ESTIMATE = "deformation/estimate"
 TRACK_HEIGHT = 74.0
 MOST_LANES = 5
+FEW = 10  # every how many samples of a reference are looked at for its limits
 SHORT = 0.02  # share of the trial that a record may miss at its ends
 EARTH_RADIUS_KM = 6371.0
 
@@ -93,9 +94,10 @@ def error_view(scene: Scene, axis: int, legend: bool = True) -> rrb.TimeSeriesVi
 
 
 def angle_range(scene: Scene, axis: int) -> tuple[float, float]:
-    """Limits that show the estimate whole, with its band unless that is far wider than what it surrounds."""
+    """Limits that show estimate and references whole, and the band unless it is far wider than what it surrounds."""
     value, band = scene.deformation.total[:, axis], 3 * scene.sigma[:, axis]
-    low, high = span_of([value / ARCMIN], zero=False)
+    references = [reference_angles(scene.deformation, score, FEW)[1][:, axis] for score in scene.scores]
+    low, high = span_of([part / ARCMIN for part in (value, *references)], zero=False)
     reach = 0.5 * (high - low)
     extra = min(float(np.nanmax(band)) / ARCMIN if np.isfinite(band).any() else 0.0, reach)
     return low - extra, high + extra

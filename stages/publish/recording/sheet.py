@@ -73,7 +73,7 @@ def log_bars(
 def _log_strips(
     rec: rr.RecordingStream, entity: str, axis: Axis, rows: Sequence[Row], middles: Sequence[float]
 ) -> None:
-    """Bars from zero to their values: a strip's round ends reach beyond it by its radius, so it is that much shorter."""
+    """Bars from zero to their values; a strip's round ends reach beyond it, so it is shorter by their radius."""
     zero = _at(axis, 0.0)
     ends = [_at(axis, row.value) for row in rows]
     radii = [min(HALF_BAR, 0.5 * abs(end - zero)) for end in ends]
