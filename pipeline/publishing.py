@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -66,9 +67,10 @@ def write_comparison(runs: Sequence[LogRun], outputs: Outputs, progress: Progres
     results, decoded = [run.result for run in runs], runs[0].decoded
 
     def record(path: Path) -> None:
-        from stages.publish.recording.comparison import write_comparison
+        with _recording(path):
+            from stages.publish.recording.comparison import write_comparison
 
-        write_comparison(results, decoded.trial, decoded.truth, path, outputs.rrd_rate)
+            write_comparison(results, decoded.trial, decoded.truth, path, outputs.rrd_rate)
 
     def report(path: Path) -> None:
         from stages.publish.page.comparison import comparison_page
@@ -122,11 +124,18 @@ def _write_log(path: Path, run: LogRun, outputs: Outputs) -> None:
 
 
 def _write_recording(path: Path, run: LogRun, outputs: Outputs) -> None:
-    os.environ.setdefault("RUST_LOG", "off")  # what Rerun has to say of a full disk is said here, in one line
-    from stages.publish.rerun_bridge import write_recording
+    with _recording(path):
+        from stages.publish.rerun_bridge import write_recording
 
-    try:
         write_recording(run.result, run.decoded.trial, run.decoded.truth, path, outputs.rrd_rate)
+
+
+@contextmanager
+def _recording(path: Path) -> Iterator[None]:
+    """Say what Rerun has to say of a full disk, in one line; before its first import."""
+    os.environ.setdefault("RUST_LOG", "off")
+    try:
+        yield
     except RuntimeError as error:
         raise DataError(f"cannot be written: {error}", file=path) from error
 

@@ -23,6 +23,14 @@ def log(sound: bytes, tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture(scope="module", autouse=True)
+def compiled(sound: bytes, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Compiled code is cached in files of its own, before the disk is full."""
+    path = tmp_path_factory.mktemp("compiled") / "trial.mcap"
+    path.write_bytes(sound)
+    assert run_command("run", path).status == 0
+
+
 @pytest.fixture
 def out(tmp_path: Path) -> Path:
     folder = tmp_path / "out"
