@@ -30,6 +30,7 @@ from schemas.wire.records import (
 
 Bytes = NDArray[np.uint8]
 Starts = NDArray[np.int64]
+Offsets = NDArray[np.uint64]
 Heads = NDArray[Any]
 
 
@@ -95,20 +96,20 @@ def _load_partial(view: memoryview, head: ChunkHead, space: Space, start: int, r
     return replace(found, problem="the end of it is missing")
 
 
-def _index_offsets(index: bytes) -> Starts:
+def _index_offsets(index: bytes) -> Offsets:
     """Offsets of all messages named by message index records, sorted."""
     parts = [np.frombuffer(index, "<u8", (length - 6) // 16 * 2, start + 6)[1::2] for _, start, length in frames(index)]
     offsets = np.concatenate(parts) if parts else np.zeros(0, np.uint64)
     offsets.sort(kind="stable")  # a few sorted runs, one a channel: merged
-    return offsets.astype(np.int64)
+    return offsets
 
 
-def _from_index(buffer: Bytes, start: int, size: int, offsets: Starts) -> Contents | None:
+def _from_index(buffer: Bytes, start: int, size: int, offsets: Offsets) -> Contents | None:
     """Contents by the message index; None when it does not account for every byte of the chunk."""
     end = start + size
-    starts = offsets + start
-    if len(starts) == 0 or starts[0] < start or starts[-1] > end - FRAME_SIZE - MESSAGE_BODY:
+    if len(offsets) == 0 or int(offsets[-1]) > size - FRAME_SIZE - MESSAGE_BODY:
         return None
+    starts = offsets.astype(np.int64) + start
     heads = message_heads(buffer, starts)
     length = heads["size"]
     # unsigned: what is shorter than a message's fixed part becomes huge

@@ -193,7 +193,7 @@ def lying_message_index(data: bytes) -> bytes:
     """A message index that names places outside its chunk."""
     start = next(start for op, start, _ in records(data) if op == Opcode.MESSAGE_INDEX)
     place = start + FRAME_SIZE + 6
-    return data[:place] + struct.pack("<QQ", 5, 1 << 62) + data[place + 16 :]
+    return data[:place] + struct.pack("<QQ", 5, (1 << 64) - 3) + data[place + 16 :]
 
 
 def with_hostile_names(data: bytes) -> bytes:
