@@ -12,10 +12,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from schemas.products import Alignment, FlexureModel
+from schemas.products import Alignment, BoolArray, FlexureModel
 from schemas.rig import FloatArray
 from schemas.trial import Trial
-from stages.flexure_fit import fit_flexure
+from stages.drift import BREAK_S, drift_in_m
+from stages.flexure_fit import HOLE_S, fit_flexure
 from stages.paired import Linearisation, Observations, observe, pair
 
 
@@ -29,18 +30,16 @@ class Whittle:
     def identify(self, trial: Trial, alignment: Alignment) -> FlexureModel:
         """Flexure model of a trial; DataError when the units hardly overlap."""
         obs = observe(pair(trial, alignment), Linearisation.at(alignment))
-        total = obs.total(_fitted_drift(obs), np.zeros(len(obs.dt)))
-        return fit_flexure(obs.t, total, obs.good, trial.rig)
+        drift = drift_in_m(obs)
+        d = np.nan_to_num(np.einsum("kij,kj->ki", obs.A_end, drift))
+        total = obs.total(d, np.zeros(len(obs.dt)))
+        return fit_flexure(obs.t, total, obs.good & ~_unsure(obs, drift), trial.rig)
 
 
-def _fitted_drift(obs: Observations) -> FloatArray:
-    """(N, 3) rad, i-axes: least-squares d = d_0 + int A_m eps that, with a constant, explains z."""
-    A_T = np.swapaxes(obs.A_end, 1, 2)
-    travelled = np.cumsum(obs.A_integral, axis=0)
-    constant = np.broadcast_to(np.eye(3), A_T.shape)
-    columns = np.concatenate([constant, A_T, A_T @ travelled], axis=2)
-    seen = np.isfinite(obs.z[:, 0])
-    matrix, z = columns[seen].reshape(-1, 9), obs.z[seen].reshape(-1)
-    scale = np.linalg.norm(matrix, axis=0)
-    solution = np.linalg.lstsq(matrix / scale, z, rcond=1e-6)[0] / scale
-    return np.asarray(solution[3:6] + travelled @ solution[6:9])
+def _unsure(obs: Observations, drift: FloatArray) -> BoolArray:
+    """(n,) samples without a drift, and those right after a gap at which it starts anew, so that no increment spans it."""
+    unknown = np.isnan(obs.spread(drift)[:, 0])
+    for end in obs.gap_end[obs.jump_s > BREAK_S]:
+        first, last = np.searchsorted(obs.t, [end, end + 1.5 * HOLE_S])
+        unknown[first:last] = True
+    return unknown

@@ -73,6 +73,16 @@ def test_gaps_are_left_out() -> None:
     np.testing.assert_allclose(model.std / (4 * ARCMIN), 1.0, atol=0.3)
 
 
+def test_gaps_of_a_unit_leave_the_flexure_as_it_was() -> None:
+    """What the bridging of each gap misses goes into a drift of its own, not into the flexure."""
+    trial = simulated(twin_of("td-ma", 900.0, rate=25.0), 3)[0]
+    t = trial.seconds(trial.sub.stamp)
+    lost = ((t > 150) & (t < 155)) | ((t > 300) & (t < 310)) | ((t > 450) & (t < 450.13)) | ((t > 600) & (t < 620))
+    whole, gapped = identified(trial), identified(replace(trial, sub=cut(trial.sub, ~lost)))
+    np.testing.assert_allclose(gapped.std / whole.std, 1.0, atol=0.25)
+    np.testing.assert_allclose(gapped.stiffness / whole.stiffness, 1.0, atol=0.3)
+
+
 def test_gyro_noise_is_kept_from_round_to_round() -> None:
     """A second fit that starts from the first must not fall back to the prior of a fibre gyro."""
     noise = 0.42 * np.pi / 10800.0
