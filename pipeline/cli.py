@@ -60,18 +60,17 @@ def named(stage: str, option: str, name: str | None) -> None:
 
 
 def chosen_settings(
-    words: Sequence[str] | None, estimators: Sequence[str], identifier: str | None, shape: str | None
+    words: Sequence[str] | None, estimators: Sequence[str], identifier: str | None, shapes: Sequence[str] = ()
 ) -> Settings:
     """What --set says; stop with exit status 2 and the options there are if it fits no method that runs."""
     from pipeline.one_log import own_identifier
     from pipeline.settings import parsed
-    from stages.shape import names
 
     try:
         settings = parsed(words or ())
         if settings.given:
             identifiers = [identifier] if identifier else [own_identifier(name) for name in estimators]
-            stages = (("estimate", estimators), ("identify", identifiers), ("shape", [shape or names()[0]]))
+            stages = (("estimate", estimators), ("identify", identifiers), ("shape", shapes))
             settings.check([(stage, name) for stage, of_stage in stages for name in dict.fromkeys(of_stage)])
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--set") from error
@@ -106,11 +105,12 @@ def run(
     from pipeline.documents import run_document
     from pipeline.one_log import run_log
     from pipeline.publishing import Outputs, check_outputs, write_outputs
+    from stages.shape import names as shape_names
 
     named("estimate", "--estimator", estimator)
     named("identify", "--identifier", identifier)
     named("shape", "--shape", shape)
-    chosen = chosen_settings(settings, [estimator], identifier, shape)
+    chosen = chosen_settings(settings, [estimator], identifier, [shape or shape_names()[0]])
     options = RunOptions(estimator, identifier, shape, rig, chosen, compensate)
     outputs = Outputs(output, rrd, parquet, only_estimates, rrd_rate, report)
     check_inputs(log, rig, compensate)
@@ -145,7 +145,7 @@ def compare(
     for name in estimator:
         named("estimate", "--estimator", name)
     named("identify", "--identifier", identifier)
-    chosen = chosen_settings(settings, estimator, identifier, None)
+    chosen = chosen_settings(settings, estimator, identifier)
     check_inputs(log, rig)
     outputs = Outputs(rrd=rrd, rrd_rate=rrd_rate, report=report)
     check_outputs(outputs, log, rig)
