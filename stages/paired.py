@@ -161,11 +161,11 @@ def _spikes(values: FloatArray) -> BoolArray:
     return found
 
 
-def clean_unit(series: ImuSeries, epoch: int) -> tuple[matching.Unit, int]:
-    """A unit without gaps and spikes: both are bridged and marked as filled."""
+def clean_unit(series: ImuSeries, epoch: int, despike: bool = True) -> tuple[matching.Unit, int]:
+    """A unit without gaps and, unless told otherwise, spikes: both are bridged and marked as filled."""
     t = np.asarray((series.stamp - epoch) * 1e-9, dtype=float)
     gyro, accel = series.gyro, series.accel
-    bad = _spikes(gyro) | _spikes(accel)
+    bad = _spikes(gyro) | _spikes(accel) if despike else np.zeros(len(gyro), bool)
     bad[[0, -1]] = False
     keep = ~bad
     unit = matching.bridge(t[keep], gyro[keep], accel[keep])
@@ -175,10 +175,10 @@ def clean_unit(series: ImuSeries, epoch: int) -> tuple[matching.Unit, int]:
     return unit, int(bad.sum())
 
 
-def pair(trial: Trial, alignment: Alignment | None = None) -> Paired:
+def pair(trial: Trial, alignment: Alignment | None = None, despike: bool = True) -> Paired:
     """Clean and integrate both units. With an alignment, the other unit, turned, carries one across its own gaps."""
-    main, spikes_main = clean_unit(trial.main, trial.epoch)
-    sub, spikes_sub = clean_unit(trial.sub, trial.epoch)
+    main, spikes_main = clean_unit(trial.main, trial.epoch, despike)
+    sub, spikes_sub = clean_unit(trial.sub, trial.epoch, despike)
     if alignment is not None:
         delay = float(alignment.time_delay.value)
         main = _carried(main, sub, alignment.rotation, delay, ~sub.filled)

@@ -1,8 +1,8 @@
 """The twin's prediction of a log and what is left of it: nuisances re-fitted, innovations whitened.
 
-Nuisances (biases, static angle, how flexure moves the lever arm, PHINS installation) are regressors with the prior that
-a twin deserves; flexure, displacement and accelerometer noise and the PHINS' noise are fitted by likelihood. What is left
-is white where the twin is right.
+Nuisances (biases, static angle, how flexure moves the lever arm, PHINS installation) are regressors with the prior
+that a twin deserves; flexure, displacement and accelerometer noise and the PHINS' noise are fitted by likelihood. What
+is left is white where the twin is right.
 """
 
 from __future__ import annotations
@@ -35,11 +35,18 @@ ACCEL_BIAS = 50.0 * MICRO_G
 STATIC = 5.0 * ARCMIN
 COLOUR = 20.0 * MICRO_G  # where the search for the accelerometers' coloured noise begins
 COLOUR_TAU = 3.0  # s
+PILOT_S = 400.0  # of record on which noise is found
+PER_STEP = (
+    "index", "dt", "jump_s", "gap_end", "z", "u", "A_start", "A_end", "A_mid", "omega", "rate_m", "force_i", "force_m",
+    "centred",
+)  # fmt: skip
+JUMP_SIGMA, MOST_JUMPS = 6.0, 8
+IMPULSE = 0.01  # rad
 INSTALLATION = 2.0 * ARCMIN
 COUPLING_SHARE = 0.1  # of the lever arm
 LAGGING_HZ = (0.5, 2.0, 8.0)
 IN_PHASE_HZ = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0)
-FACTORS = ((0.03, 0.2, 1.0, 5.0, 30.0), (0.25, 0.5, 1.0, 2.0, 4.0), (0.4, 0.65, 1.0, 1.5, 2.5), (0.7, 0.85, 1.0, 1.2, 1.4))
+FACTORS = ((0.05, 20.0), (0.2, 5.0), (0.4, 2.5), (0.6, 1.6), (0.8, 1.25))  # tried on each noise level, round by round
 JITTER, VELOCITY = 2e-5, 1e-5  # m, m/s, where the search begins; the floors are those of rounding
 
 Factors = tuple[float, ...]
@@ -71,6 +78,7 @@ class Baseline:
     nuisances: tuple[Nuisance, ...]
     columns: FloatArray
     response: Response
+    jumps: tuple[float, ...]
 
     @property
     def t(self) -> FloatArray:
@@ -87,26 +95,77 @@ class Baseline:
         return residual(self.whitened, self.columns, self.precision)
 
 
-def baseline(source: Believed, coarse: Alignment) -> Baseline:
+def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -> Baseline:
     """Whiten a log about what its twin says; coarse: what the log's alignment says, to carry units across gaps.
 
-    Raises DataError where the units hardly overlap.
+    start: noise of a baseline of nearly the same log, from which the search goes on. Raises DataError where the units
+    hardly overlap.
     """
     believed = _aligned(source, coarse)
-    paired = pair(source.trial, believed)
+    paired = pair(source.trial, believed, despike=False)  # a step of the mounting is a spike of its gyro
     flexure = tuning.separable(identify.get("whittle")().identify(source.trial, believed))
     at = Linearisation.at(believed, source.lever_arm)
     obs = observe(paired, at)
-    match = whitening.phins_match(source.trial, obs)
     response = Response(obs, at.R_ref, at.coupling)
-    nuisances = _nuisances(obs, at, response)
+    tuner = _Tuner(obs, at, whitening.phins_match(source.trial, obs), _nuisances(obs, at, response))
+    levels = _first_levels(source, believed, flexure)
+    jumps = step_times(tuner, tuner.whitened(levels)[0])
+    tuner = replace(tuner, nuisances=(*tuner.nuisances, *_impulses(jumps, response)))
+    levels = tuner.tuned(levels, FACTORS) if start is None else tuner.tuned(_resumed(levels, start), FACTORS[2:])
+    whitened, columns = tuner.whitened(levels)
+    return Baseline(
+        source, at, paired, obs, tuner.match, flexure, levels, whitened, tuner.nuisances, columns, response, jumps
+    )
+
+
+def extended(base: Baseline, more: Sequence[Nuisance]) -> Baseline:
+    """The baseline with further regressors that have priors."""
+    if not more:
+        return base
+    raw = np.stack([nuisance.column for nuisance in more], axis=2)
+    columns = np.concatenate([base.columns, whitening.whiten_columns(base.whitened, raw)], axis=2)
+    return replace(base, nuisances=(*base.nuisances, *more), columns=columns)
+
+
+def _first_levels(source: Believed, believed: Alignment, flexure: FlexureModel) -> Levels:
     noise = tuning.with_flexure(tuning.initial(believed, flexure, source.trial.rig), flexure)
     noise = replace(noise, jitter=np.full(3, JITTER), velocity=np.full(3, VELOCITY))
-    tuner = _Tuner(obs, at, match, nuisances)
-    colour = AccelColour(np.full(3, COLOUR), COLOUR_TAU)
-    levels = tuner.tuned(Levels(noise, colour, whitening.phins_noise(source.twin.phins)))
-    whitened, columns = tuner.whitened(levels)
-    return Baseline(source, at, paired, obs, match, flexure, levels, whitened, nuisances, columns, response)
+    return Levels(noise, AccelColour(np.full(3, COLOUR), COLOUR_TAU), whitening.phins_noise(source.twin.phins))
+
+
+def _resumed(fresh: Levels, start: Levels) -> Levels:
+    """The earlier levels with the flexure found now."""
+    old = start.noise
+    noise = replace(fresh.noise, jitter=old.jitter, velocity=old.velocity, accel=old.accel)
+    return Levels(noise, start.colour, start.phins)
+
+
+def step_times(tuner: _Tuner, whitened: Whitened) -> tuple[float, ...]:
+    """Instants (s since the epoch), to the sample, at which the attitude jumps by far more than flexure can."""
+    found = whitened.filtered
+    size = np.abs(found.innovation[:, :3] / np.sqrt(found.innovation_variance[:, :3])) / whitened.scale[:3]
+    size = np.where(np.isfinite(size), size, 0.0).max(axis=1)
+    size[whitening.masked(tuner.obs, 1)[:, 0]] = 0.0
+    theta = full_rate(tuner.obs, tuner.at.R_ref)
+    high = [int(k) for k in np.argsort(size)[::-1][:MOST_JUMPS] if size[k] > JUMP_SIGMA]
+    return tuple(float(tuner.obs.t[_largest_jump(theta, tuner.obs.index[k - 1], tuner.obs.index[k])]) for k in high)
+
+
+def _largest_jump(theta: FloatArray, first: int, last: int) -> int:
+    """The sample up to which theta changes most."""
+    return first + 1 + int(np.argmax(np.abs(np.diff(theta[first : last + 1], axis=0)).max(axis=1)))
+
+
+def _impulses(times: Sequence[float], response: Response) -> list[Nuisance]:
+    """A single false gyro sample at each time, rad about each axis."""
+    t, out = response.obs.t, []
+    for time in times:
+        k = int(np.argmin(np.abs(t - time)))
+        for axis in range(3):
+            one = np.zeros((len(t), 3))
+            one[k, axis] = 1.0 / response.dt[k]
+            out.append(Nuisance(f"impulse {time:.2f} s {'xyz'[axis]}", response(Signals(gyro=one)), IMPULSE))
+    return out
 
 
 def _aligned(source: Believed, coarse: Alignment) -> Alignment:
@@ -143,12 +202,25 @@ class _Tuner:
     def _model(self, levels: Levels) -> SparseModel:
         return whitening.build(self.obs, levels, self.at.coupling, self.match)
 
-    def tuned(self, levels: Levels) -> Levels:
-        """All noise by likelihood of the log less its nuisances."""
-        for factors in FACTORS:
-            found, columns = self.whitened(levels)
-            levels = self._less(_fit(found, columns, self.precision)).climbed(levels, factors)
+    def tuned(self, levels: Levels, rounds: Sequence[Factors]) -> Levels:
+        """All noise by likelihood of the middle of the log less its nuisances."""
+        pilot = self._pilot()
+        for factors in rounds:
+            found, columns = pilot.whitened(levels)
+            levels = pilot._less(_fit(found, columns, self.precision)).climbed(levels, factors)
         return levels
+
+    def _pilot(self) -> _Tuner:
+        """The middle of a long record."""
+        t = self.obs.t[self.obs.index]
+        if t[-1] - t[0] <= 1.5 * PILOT_S:
+            return self
+        middle = 0.5 * (t[0] + t[-1])
+        part = slice(*np.searchsorted(t, [middle - 0.5 * PILOT_S, middle + 0.5 * PILOT_S]))
+        cut = {name: getattr(self.obs, name)[part] for name in PER_STEP}
+        match = self.match and PhinsMatch(self.match.q[part], self.match.C[part], self.match.count[part])
+        nuisances = tuple(replace(n, column=n.column[part]) for n in self.nuisances)
+        return replace(self, obs=replace(self.obs, **cut), match=match, nuisances=nuisances)
 
     def _less(self, value: FloatArray) -> _Tuner:
         """The same with the nuisances' fit taken off the observations."""
@@ -158,20 +230,22 @@ class _Tuner:
         return replace(self, obs=obs, match=match)
 
     def climbed(self, levels: Levels, factors: Factors) -> Levels:
-        """One round over all levels, a factor at a time."""
+        """One round over all levels, a factor at a time; axes apart where they have levels of their own."""
         changes: list[Change] = [_jitter, _velocity, _colour, _accel, _colour_tau]
         if self.match is not None:
             changes += [_white, _drift, _tau]
+        tried = np.array([1.0, *factors])
+        now = self.channels(levels)
         for change in changes:
-            levels = self._chosen(levels, change, factors)
+            told = np.stack([now, *(self.channels(change(levels, np.full(3, f))) for f in factors)])
+            if change in PER_AXIS:
+                chosen = tried[np.argmax(told[:, 3:6], axis=0)]
+            else:
+                chosen = np.full(3, tried[int(np.argmax(told.sum(axis=1)))])
+            if np.any(chosen != 1.0):
+                levels = change(levels, chosen)
+                now = self.channels(levels)
         return levels
-
-    def _chosen(self, levels: Levels, change: Change, factors: Factors) -> Levels:
-        """The factor on one level that is most likely; axes apart where they have levels of their own."""
-        told = np.stack([self.channels(change(levels, np.full(3, f))) for f in factors])
-        if change in PER_AXIS:
-            return change(levels, np.array(factors)[np.argmax(told[:, 3:6], axis=0)])
-        return change(levels, np.full(3, factors[int(np.argmax(told.sum(axis=1)))]))
 
     def channels(self, levels: Levels) -> FloatArray:
         """(9,) log-likelihood of the innovations of each channel."""
@@ -278,7 +352,7 @@ def _moved(obs: Observations, theta: FloatArray) -> Callable[[FloatArray, FloatA
 
 
 def _low_pass(x: FloatArray, corner: float, in_phase: bool) -> FloatArray:
-    """Corner as a share of the rate: first order and lagging, or second-order Butterworth from either side, in phase."""
+    """Corner as a share of the rate: first order and lagging, or second-order Butterworth from either side."""
     start = x[0]
     if in_phase:
         sos = butter(2, 2.0 * corner, output="sos")

@@ -27,7 +27,7 @@ def _turn(q, x, y, z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _propagate(q, force, dt, gyro, accel, angle, speed):  # type: ignore[no-untyped-def]
-    """alpha' = A gyro, V' = alpha x f + A accel; angle, speed: A^T alpha and A^T V at the samples (gyro, accel in m)."""
+    """alpha' = A gyro, V' = alpha x f + A accel; angle, speed: A^T alpha, A^T V at the samples; gyro, accel in m."""
     ax = ay = az = vx = vy = vz = 0.0
     back = np.empty(4)
     for k in range(1, len(dt)):

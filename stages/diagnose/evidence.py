@@ -1,14 +1,15 @@
-"""Regression on whitened innovations from Gram matrices of time blocks: any subset, window or hold-out is a tiny solve.
+"""Regression on whitened innovations from Gram matrices of time blocks: any subset or hold-out is a tiny solve.
 
-With y the whitened innovations and X the whitened regressors, each block keeps ``[X y]^T [X y]``. Nuisances have Gaussian
-priors, effects have none but what makes the solve regular. Held-out evidence of a set of regressors: the coefficients
-of one fold score the other, ``1/2 (|y - N n0|^2 - |y - N n1 - E e|^2)`` summed over both; folds are interleaved blocks.
+With y the whitened innovations and X the whitened regressors, each block keeps ``[X y]^T [X y]``. Nuisances have
+Gaussian priors, effects have none but what makes the solve regular. Held-out evidence of a set of regressors: the
+coefficients of one fold score the other, ``1/2 (|y - N n0|^2 - |y - N n1 - E e|^2)`` summed over both; folds are
+interleaved blocks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -113,3 +114,49 @@ def gain(gram_: Gram, base: Sequence[int], more: Sequence[int]) -> float:
     """Nats in sample by which base and more beat base."""
     G = gram_.total
     return solve(G, gram_.precision, [*base, *more]).gain - solve(G, gram_.precision, base).gain
+
+
+def shifted(gram_: Gram, places: Sequence[int], values: FloatArray) -> Gram:
+    """The same with the columns at ``places`` times ``values`` added to y."""
+    T = np.eye(len(gram_.names) + 1)
+    T[list(places), -1] = values
+    return replace(gram_, blocks=np.einsum("ji,bjk,kl->bil", T, gram_.blocks, T, optimize=True))
+
+
+def null_evidence(
+    gram_: Gram, base: Sequence[int], groups: Sequence[Sequence[int]], rng: np.random.Generator, draws: int
+) -> FloatArray:
+    """(groups,) largest held-out nats of each group in replays in which the innovations are white noise.
+
+    X^T y of a block is then normal with covariance X^T X, so that replays need no time series.
+    """
+    used = sorted({*base, *(k for group in groups for k in group)})
+    place = {k: i for i, k in enumerate(used)}
+    G = gram_.blocks[:, used][:, :, used]
+    b = np.stack([_root(block) @ rng.standard_normal((len(used), draws)) for block in G])  # (blocks, k, draws)
+    lesser = [place[k] for k in base]
+    precision = gram_.precision[used]
+    nothing = _held_out_draws(G, b, precision, lesser, folds(gram_))
+    out = [_held_out_draws(G, b, precision, lesser + [place[k] for k in group], folds(gram_)) for group in groups]
+    return np.array([float(np.max(gained - nothing)) for gained in out])
+
+
+def _root(block: FloatArray) -> FloatArray:
+    values, vectors = np.linalg.eigh(block)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _held_out_draws(
+    G: FloatArray, b: FloatArray, precision: FloatArray, chosen: Sequence[int], halves: tuple[BoolArray, BoolArray]
+) -> FloatArray:
+    """(draws,) nats by which chosen regressors beat nothing, each half scored by the other's coefficients."""
+    k = list(chosen)
+    total = np.zeros(b.shape[2])
+    for train in halves:
+        A = G[train].sum(axis=0)[np.ix_(k, k)] + np.diag(precision[k])
+        size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        moment = b[train].sum(axis=0)[k] / size[:, None]
+        value = np.linalg.solve(A / np.outer(size, size) + 1e-10 * np.eye(len(k)), moment) / size[:, None]
+        test, moment = G[~train].sum(axis=0)[np.ix_(k, k)], b[~train].sum(axis=0)[k]
+        total += np.sum(value * moment, axis=0) - 0.5 * np.einsum("id,ij,jd->d", value, test, value, optimize=True)
+    return total

@@ -1,4 +1,4 @@
-"""A log as a twin's parameters see it: believed sensor errors taken out, and the view that predictions are made from."""
+"""A log as a twin's parameters see it: believed sensor errors taken out, and the view that predictions start from."""
 
 from __future__ import annotations
 
@@ -41,12 +41,11 @@ class Believed:
 def believed(trial: Trial, twin: Twin) -> Believed:
     """Gyros and accelerometers of both units without the biases, scale factors and skew of the twin."""
     main, sub = _corrected(trial.main, twin.imu.main), _corrected(trial.sub, twin.imu.sub)
-    phins = {
-        "phins_main": _turned(trial.phins_main, twin.phins.installation_main_deg),
-        "phins_sub": _turned(trial.phins_sub, twin.phins.installation_sub_deg),
-    }
+    phins_main = _turned(trial.phins_main, twin.phins.installation_main_deg)
+    phins_sub = _turned(trial.phins_sub, twin.phins.installation_sub_deg)
     rig = replace(trial.rig, main=_grade(trial.rig.main, twin.imu.main), sub=_grade(trial.rig.sub, twin.imu.sub))
-    return Believed(replace(trial, main=main, sub=sub, **phins, rig=_with_lever(rig, twin)), twin)
+    rig = _with_lever(rig, twin)
+    return Believed(replace(trial, main=main, sub=sub, phins_main=phins_main, phins_sub=phins_sub, rig=rig), twin)
 
 
 def _corrected(series: ImuSeries, belief: Imu) -> ImuSeries:

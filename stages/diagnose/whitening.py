@@ -1,10 +1,10 @@
 """Joint whitening of gyros, accelerometers and PHINS by the Kalman filter of the flexure model.
 
 The model is the estimator's (:mod:`stages.estimate.model`) without its constants, which the diagnosis fits as
-regressors, and with the PHINS pair: ``q = mean over a step of Log(R_m_s^PHINS Y^T) = C e - A_m^T d + noise``. Since Y, the
-attitude match of the gyros, is free of noise, q holds no flexure at all: what the gyros do wrong and what the PHINS do
-wrong is all there is in it. e is the difference of the errors of both PHINS, first-order Gauss-Markov in ENU, turned by
-``C = R_n_m^T``.
+regressors, and with the PHINS pair: ``q = mean over a step of Log(R_m_s^PHINS Y^T) = C e - A_m^T d + noise``. Since Y,
+the attitude match of the gyros, is free of noise, q holds no flexure at all: what the gyros do wrong and what the PHINS
+do wrong is all there is in it. e is the difference of the errors of both PHINS, first-order Gauss-Markov in ENU, turned
+by ``C = R_n_m^T``.
 
 The filter is linear, so that a regressor passed through the same gains is what an effect adds to the innovations.
 """
@@ -135,8 +135,9 @@ def build(obs: Observations, levels: Levels, coupling: FloatArray, match: PhinsM
 
 def _without_constants(noise: m.Noise) -> m.Noise:
     return replace(
-        noise, phi_prior=0.0, gyro_bias_prior=0.0, delay_prior=0.0, clock_prior=0.0, accel_bias_prior=0.0, lever_prior=0.0,
-        coupling_prior=0.0, kappa_prior=0.0, scale_prior=np.zeros((3, 3)), gyro_walk=0.0, accel_walk=0.0,
+        noise, phi_prior=0.0, gyro_bias_prior=0.0, delay_prior=0.0, clock_prior=0.0, accel_bias_prior=0.0,
+        lever_prior=0.0, coupling_prior=0.0, kappa_prior=0.0, scale_prior=np.zeros((3, 3)), gyro_walk=0.0,
+        accel_walk=0.0,
     )  # fmt: skip
 
 
@@ -158,9 +159,10 @@ def reduced(model: SparseModel, kept: IntArray) -> SparseModel:
         column[i, : len(chosen)] = place[model.measurement_col[i, chosen]]
         value[:, i, : len(chosen)] = model.measurement[:, i, chosen]
     return SparseModel(
-        place[model.transition_row[in_E]], place[model.transition_col[in_E]], np.ascontiguousarray(model.transition[:, in_E]),
-        place[model.noise_row[in_Q]], place[model.noise_col[in_Q]], np.ascontiguousarray(model.noise[:, in_Q]),
-        column, value, model.z, model.variance, model.x0[kept], np.ascontiguousarray(model.P0[np.ix_(kept, kept)]),
+        place[model.transition_row[in_E]], place[model.transition_col[in_E]],
+        np.ascontiguousarray(model.transition[:, in_E]), place[model.noise_row[in_Q]], place[model.noise_col[in_Q]],
+        np.ascontiguousarray(model.noise[:, in_Q]), column, value, model.z, model.variance, model.x0[kept],
+        np.ascontiguousarray(model.P0[np.ix_(kept, kept)]),
     )  # fmt: skip
 
 
@@ -183,7 +185,8 @@ def _with_colour(lean: SparseModel, obs: Observations, colour: AccelColour) -> S
 def _with_means(lean: SparseModel, obs: Observations, noise: m.Noise) -> SparseModel:
     """u is the mean of the velocity over a step, which lags the velocity at its end by noise of its own.
 
-    With V' = w of density q over a step h: the deficit mean - end has variance q h/3 and covariance -q h/2 with V's step.
+    With V' = w of density q over a step h: the deficit mean - end has variance q h/3, and covariance -q h/2 with V's
+    step.
     """
     n, N = len(lean.x0), len(obs.dt)
     own, q = np.arange(n, n + 3), noise.accel**2 * obs.dt[:, None]
@@ -201,7 +204,7 @@ def _with_means(lean: SparseModel, obs: Observations, noise: m.Noise) -> SparseM
         transition=np.ascontiguousarray(np.hstack([lean.transition, np.full((N, 3), -1.0)])),
         noise_row=np.concatenate([lean.noise_row, own, VELOCITY + np.arange(3)]),
         noise_col=np.concatenate([lean.noise_col, own, own]),
-        noise=np.ascontiguousarray(np.hstack([lean.noise, np.repeat(q / 3.0, 3, axis=1), np.repeat(-q / 2.0, 3, axis=1)])),
+        noise=np.hstack([lean.noise, np.repeat(q / 3.0, 3, axis=1), np.repeat(-q / 2.0, 3, axis=1)]),
         measurement_col=column, measurement=value, x0=np.concatenate([lean.x0, np.zeros(3)]), P0=P0,
     )  # fmt: skip
 
@@ -247,7 +250,7 @@ def phins_noise(belief: Phins) -> PhinsNoise:
 def masked(obs: Observations, rows: int) -> BoolArray:
     """(N, rows) innovations not to be tested: the ends, and the surroundings of gaps."""
     t = obs.t[obs.index]
-    out = (t < t[0] + EDGE_S) | (t > t[-1] - EDGE_S)
+    out: BoolArray = np.asarray((t < t[0] + EDGE_S) | (t > t[-1] - EDGE_S))
     for k in np.flatnonzero(obs.jump_s > 0.0):
         out |= (t > t[k] - 1.0) & (t < t[k] + EDGE_S)
     return np.repeat(out[:, None], rows, axis=1)

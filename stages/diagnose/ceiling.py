@@ -1,0 +1,155 @@
+"""A generic model that could explain nearly anything of mean effects: what it gains on top of the named ones.
+
+Families of regressors without a name: matrices and transfer functions from the ship's rates and forces to the gyros,
+accelerometers and the deck, products and powers of rates, gains and clocks that change with time, slow PHINS errors.
+Held out, a family gains nothing where the named effects are enough; where one does, it says what is not named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from physics.units import STANDARD_GRAVITY
+from schemas.rig import FloatArray
+from stages.diagnose import whitening
+from stages.diagnose.baseline import Baseline
+from stages.diagnose.evidence import Gram, gram, held_out
+from twin.effects._prediction import LogView, Signals, on_axis
+
+LAGS_S = (-0.6, -0.2, 0.2, 0.6)
+HARMONICS = (1, 2, 3, 5)
+SLOW = 4  # sines over the record for what drifts
+
+
+@dataclass(frozen=True)
+class Family:
+    """gain: (b,) held-out nats per block. place: channel and axis at which it says the unnamed sits."""
+
+    name: str
+    gain: FloatArray
+    channel: str
+    axis: str
+
+
+Made = Callable[[LogView], list[Signals]]
+
+
+def families(base: Baseline, view: LogView, found: Gram, white: FloatArray, kept: list[int]) -> tuple[Family, ...]:
+    """What each family gains on top of the regressors ``kept`` of a Gram, whitened columns ``white``, best first."""
+    out = []
+    for name, (channel, made) in FAMILIES.items():
+        if channel.startswith("phins") and base.match is None:
+            continue
+        raw = np.stack([base.response(signals) for signals in made(view)], axis=2)
+        own = whitening.whiten_columns(base.whitened, raw)
+        size = np.sqrt(np.sum(own**2, axis=(0, 1)))
+        own = own[:, :, size > 0.0] / size[size > 0.0]
+        names = [f"{name} {k}" for k in range(own.shape[2])]
+        columns = np.concatenate([white[:, : own.shape[1], kept], own], axis=2)
+        precision = np.concatenate([found.precision[kept], np.full(len(names), 1.0 / 400.0)])
+        joint = gram([*(found.names[k] for k in kept), *names], columns, base.whitened.values, base.t, precision)
+        gained = held_out(joint, range(len(kept)), range(len(kept), len(kept) + len(names)))
+        out.append(Family(name, gained, channel, _axis(own, base, names)))
+    return tuple(sorted(out, key=lambda family: -family.gain.sum()))
+
+
+def _axis(own: FloatArray, base: Baseline, names: list[str]) -> str:
+    y = np.nan_to_num(base.residual())
+    gain = [float(np.sum(np.einsum("nmk,nm->mk", own[:, i::3], y[:, i::3]) ** 2)) for i in range(3)]
+    return "xyz"[int(np.argmax(gain))]
+
+
+def _each_axis(values: FloatArray) -> list[FloatArray]:
+    return [on_axis(axis, values) for axis in range(3)]
+
+
+def _matrix(values: FloatArray) -> list[FloatArray]:
+    return [one for column in values.T for one in _each_axis(column)]
+
+
+def _lagged(view: LogView, values: FloatArray) -> list[FloatArray]:
+    out = []
+    for lag in LAGS_S:
+        moved = np.stack([np.interp(view.t - lag, view.t, column) for column in values.T], axis=1)
+        out += [on_axis(axis, moved[:, axis]) for axis in range(3)]
+    return out
+
+
+def _slow(view: LogView) -> list[FloatArray]:
+    phase = np.pi * (view.t - view.t[0]) / (view.t[-1] - view.t[0])
+    return [function(k * phase) for k in HARMONICS for function in (np.sin, np.cos)]
+
+
+def _diagonal(values: FloatArray) -> list[FloatArray]:
+    return [on_axis(axis, values[:, axis]) for axis in range(3)]
+
+
+def _gyro_matrix(view: LogView) -> list[Signals]:
+    return [Signals(gyro=x) for x in _matrix(view.omega_s) + _matrix(view.force_s / STANDARD_GRAVITY)]
+
+
+def _gyro_transfer(view: LogView) -> list[Signals]:
+    return [Signals(gyro=x) for x in _diagonal(view.omega_dot_s) + _lagged(view, view.omega_s)]
+
+
+def _gyro_powers(view: LogView) -> list[Signals]:
+    w = view.omega_s
+    products = np.stack([w[:, 0] * w[:, 1], w[:, 1] * w[:, 2], w[:, 2] * w[:, 0]], axis=1)
+    powers = _diagonal(np.abs(w) * w) + _diagonal(w**3) + _matrix(w**2) + _matrix(products)
+    return [Signals(gyro=x) for x in powers]
+
+
+def _gyro_gain_in_time(view: LogView) -> list[Signals]:
+    return [Signals(gyro=on_axis(axis, s * view.omega_s[:, axis])) for s in _slow(view) for axis in range(3)]
+
+
+def _gyro_drift(view: LogView) -> list[Signals]:
+    return [Signals(gyro=on_axis(axis, s)) for s in _slow(view) for axis in range(3)]
+
+
+def _clock(view: LogView) -> list[Signals]:
+    steady = [Signals(gyro=-view.omega_dot_s, accel=-view.jerk_s)]
+    return steady + [Signals(gyro=-s[:, None] * view.omega_dot_s, accel=-s[:, None] * view.jerk_s) for s in _slow(view)]
+
+
+def _accel_matrix(view: LogView) -> list[Signals]:
+    return [Signals(accel=x) for x in _matrix(view.force_s) + _diagonal(view.jerk_s) + _matrix(view.omega_dot_s)]
+
+
+def _accel_drift(view: LogView) -> list[Signals]:
+    return [Signals(accel=on_axis(axis, s)) for s in _slow(view) for axis in range(3)]
+
+
+def _bending(view: LogView) -> list[Signals]:
+    return [Signals(bending=x) for x in _matrix(view.force_m - view.force_m.mean(axis=0)) + _matrix(view.omega_m)]
+
+
+def _slow_bending(view: LogView) -> list[Signals]:
+    return [Signals(bending=on_axis(axis, s)) for s in _slow(view) for axis in range(3)]
+
+
+def _phins_drift(view: LogView) -> list[Signals]:
+    return [Signals(phins=on_axis(axis, s)) for s in _slow(view) for axis in range(3)]
+
+
+def _phins_motion(view: LogView) -> list[Signals]:
+    return [Signals(phins=x) for x in _matrix(view.omega_m) + _matrix(view.force_m - view.force_m.mean(axis=0))]
+
+
+FAMILIES: Mapping[str, tuple[str, Made]] = {
+    "rates and forces seen by the gyros": ("sub.gyro", _gyro_matrix),
+    "a transfer function of the gyros": ("sub.gyro", _gyro_transfer),
+    "powers and products of rates": ("sub.gyro", _gyro_powers),
+    "a gain of the gyros that changes in time": ("sub.gyro", _gyro_gain_in_time),
+    "a wandering bias of the gyros": ("sub.gyro", _gyro_drift),
+    "a clock that runs unevenly": ("sub.stamp", _clock),
+    "forces and rates seen by the accelerometers": ("sub.accel", _accel_matrix),
+    "a wandering bias of the accelerometers": ("sub.accel", _accel_drift),
+    "bending that follows the ship's motion": ("sub.gyro", _bending),
+    "slow bending": ("sub.gyro", _slow_bending),
+    "a slow error of the PHINS": ("phins_sub.attitude", _phins_drift),
+    "an error of the PHINS that follows the motion": ("phins_sub.attitude", _phins_motion),
+}

@@ -1,0 +1,273 @@
+"""The diagnosis of one log against its twin: direct checks, events, mean effects, spectra, what is left, the verdict.
+
+Each class of checks works on what the ones before it have cleaned: stamps and values are repaired, wild samples taken
+out, mean effects named one after the other and compensated, and the spectra are those of what is left. Evidence is in
+held-out nats throughout, so that the classes compete; a name is given only where the model is enough for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from physics.rotations import exp
+from schemas.diagnosis import Diagnosis, Errors, Finding, Place, Tested, Verdict
+from schemas.errors import DataError
+from schemas.products import Alignment
+from schemas.trial import Trial
+from stages.align import align
+from stages.diagnose import direct, events, goodness, pictures, shrinkage, spectra
+from stages.diagnose.candidate import FLOOR_NATS, Candidate
+from stages.diagnose.ceiling import Family, families
+from stages.diagnose.findings import as_effect, of_pick, of_wander
+from stages.diagnose.gap import comparisons, gap_of
+from stages.diagnose.goodness import Excess
+from stages.diagnose.judgement import Abstention, halves_agree, judged
+from stages.diagnose.regressors import view_of
+from stages.diagnose.selection import Selection, select
+from stages.diagnose.spectra import FullRateResidual, JointFit
+from stages.diagnose.view import believed
+from twin import effects
+from twin.compensation import compensate
+from twin.config import Twin
+from twin.effects import Effect
+
+SHORTEST_S = 60.0
+MOST_SPECTRAL = 3  # spectral effects named in one log
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that was found before anything is judged."""
+
+    checks: direct.DirectChecks
+    chosen: Selection
+    candidates: tuple[Candidate, ...]
+    found: events.Found
+    before: FullRateResidual
+    residual: FullRateResidual
+    joint: JointFit
+    ceiling: tuple[Family, ...]
+    excess: Excess
+    findings: tuple[Finding, ...]
+
+    @property
+    def left(self) -> float:
+        """Nats of what no effect explains."""
+        return max(0.0, float(self.ceiling[0].gain.sum()) if self.ceiling else 0.0) + max(0.0, self.excess.total)
+
+
+def diagnose(
+    trial: Trial,
+    twin: Twin,
+    *,
+    rng: np.random.Generator | None = None,
+    shrink: bool = True,
+    library: Collection[str] | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Where a log departs from its twin, which effects cause it, how far the gap shrinks.
+
+    shrink: run the estimator on log, twin and compensated log for the RMSE rows. library: names of the effects that may
+    be named, all by default. Raises DataError where the log cannot be compared with the twin.
+    """
+    rng = np.random.default_rng(0) if rng is None else rng
+    say = progress or (lambda step: None)
+    names = tuple(effects.names()) if library is None else tuple(library)
+    _comparable(trial, twin)
+    log = trial.source or "log"
+    trial, twin_bare = _without_known(trial, twin)
+    evidence = _gathered(trial, twin_bare, names, rng, say)
+    verdict = judged(
+        sum(f.evidence_nats for f in evidence.findings), evidence.left, halves_agree(evidence.chosen),
+        bool(evidence.findings),
+    )  # fmt: skip
+    named = evidence.findings if verdict.named else ()
+    built = [as_effect(finding) for finding in named]
+    say("shrinkage")
+    rmse = _errors(trial, twin_bare, built, rng) if shrink else None
+    return _written(log, twin, evidence, verdict, named, built, rmse, rng)
+
+
+def _comparable(trial: Trial, twin: Twin) -> None:
+    if trial.duration < SHORTEST_S:
+        raise DataError(f"the log holds {trial.duration:.0f} s; a diagnosis needs {SHORTEST_S:.0f} s")
+    rate = 1e9 / float(np.median(np.diff(trial.main.stamp)))
+    if not 0.8 < rate / twin.run.rate < 1.25:
+        raise DataError(f"the twin '{twin.name}' runs at {twin.run.rate:g} Hz, the main IMU of the log at {rate:g} Hz")
+
+
+def _without_known(trial: Trial, twin: Twin) -> tuple[Trial, Twin]:
+    """Effects that the twin knows of taken out of the log, and the twin without them."""
+    if not twin.effect:
+        return trial, twin
+    bare = twin.model_copy(update={"effect": ()})
+    known: list[Effect] = [effects.build(spec.name, spec.parameters) for spec in twin.effect]
+    return compensate(trial, known, bare).trial, bare
+
+
+def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.Generator, say: Progress) -> Evidence:
+    say("direct checks")
+    checks = direct.check(trial, twin)
+    checks = replace(checks, findings=tuple(f for f in checks.findings if f.name in names))
+    work = checks.masked
+    coarse = align(believed(work, twin).trial)
+    before = spectra.residual(work, coarse, twin)
+    say("events")
+    wild, found = events.examine(before, twin)
+    say("mean effects")
+    chosen = select(events.remove(work, replace(found, slams=())), twin, coarse, rng, names)
+    say("spectra")
+    aligned = _aligned(chosen, coarse)
+    whole = spectra.residual(chosen.clean, aligned, twin)
+    slams, found = events.examine(whole, twin)
+    residual = events.without(whole, found)
+    spectral, joint = _spectral(residual, twin, names)
+    # Wild samples were taken out before the mean effects; slams show best once those are gone too.
+    timed = [c for c in wild if c.finding.name == "outliers"] + [c for c in slams if c.finding.name == "slamming"]
+    candidates = (*(c for c in timed if c.finding.name in names), *spectral)
+    say("what is left")
+    ceiling = families(
+        chosen.base, view_of(chosen.base), chosen.regressors.gram, chosen.regressors.columns, chosen.fitted
+    )
+    excess = goodness.excess(goodness.data_of(residual, joint), joint)
+    findings = _findings(checks, chosen, candidates, joint)
+    return Evidence(checks, chosen, candidates, found, before, residual, joint, ceiling, excess, findings)
+
+
+def _aligned(chosen: Selection, coarse: Alignment) -> Alignment:
+    """The alignment that the regression stands on: the twin's static angle with what was added to it."""
+    static = chosen.base.source.static
+    for pick in chosen.picks:
+        if pick.group.effect == "static_misalignment":
+            static = static + pick.value * np.pi / 10800.0
+    delay = replace(coarse.time_delay, value=np.array(chosen.base.source.twin.mount.time_delay))
+    return replace(coarse, rotation=exp(static), static=replace(coarse.static, value=static), time_delay=delay)
+
+
+def _spectral(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) -> tuple[tuple[Candidate, ...], JointFit]:
+    """Candidates as each would be alone, and the joint fit of those that stand beside each other."""
+    allowed = [name for name in spectra.EFFECTS if name in names]
+    alone = tuple(c for c in spectra.examine(residual, twin) if c.finding.name in allowed)
+    named: list[str] = []
+    now = alone
+    while len(named) < MOST_SPECTRAL:
+        best = max((c for c in now if c.named), key=lambda c: c.finding.evidence_nats, default=None)
+        if best is None:
+            break
+        named.append(best.finding.name)
+        now = tuple(c for c in spectra.examine(residual, twin, named) if c.finding.name in allowed)
+    joint = spectra.fit(residual, twin, tuple(named))
+    while named and (weak := [f.name for f in joint.findings if f.evidence_nats < 0.8 * FLOOR_NATS]):
+        named.remove(weak[-1])
+        joint = spectra.fit(residual, twin, tuple(named))
+    return alone, joint
+
+
+def _findings(
+    checks: direct.DirectChecks, chosen: Selection, candidates: tuple[Candidate, ...], joint: JointFit
+) -> tuple[Finding, ...]:
+    out = [*checks.findings, *(of_pick(chosen, pick) for pick in chosen.picks)]
+    if chosen.wandering is not None:
+        out.append(of_wander(chosen.wandering))
+    out += [c.finding for c in candidates if c.named and c.finding.name not in spectra.EFFECTS]
+    out += joint.findings
+    return tuple(sorted(out, key=lambda finding: -finding.evidence_nats))
+
+
+def _errors(trial: Trial, twin: Twin, built: list[Effect], rng: np.random.Generator) -> Errors | None:
+    try:
+        return shrinkage.errors(trial, twin, built, rng=rng)
+    except DataError:
+        return None
+
+
+def _written(
+    log: str, twin: Twin, evidence: Evidence, verdict: Abstention, named: tuple[Finding, ...], built: list[Effect],
+    rmse: Errors | None, rng: np.random.Generator,
+) -> Diagnosis:  # fmt: skip
+    chosen = evidence.chosen
+    left = _places_left(evidence) if verdict.verdict in (Verdict.UNKNOWN_EFFECT, Verdict.PARTLY_EXPLAINED) else ()
+    where = sorted((*(place for f in named for place in f.places[:1]), *left), key=lambda place: -place.score)
+    untestable = {**chosen.regressors.untestable, **evidence.checks.untestable}
+    return Diagnosis(
+        log=log,
+        twin=twin.name,
+        verdict=verdict.verdict,
+        where=tuple(where),
+        effects=named,
+        gap=gap_of(chosen, named, evidence.left, rng),
+        augmented_twin=shrinkage.augmented_twin(twin, built),
+        advice=_advice(evidence, verdict, named),
+        rmse=rmse,
+        tested=_tested(evidence, named, verdict),
+        untestable=untestable,
+        comparisons=comparisons(chosen, named, evidence.left, rng),
+        spectra=spectra.pictures(evidence.before, evidence.residual, evidence.joint),
+        localisation=pictures.localisation(chosen),
+        traces=pictures.traces(chosen),
+        notes=evidence.checks.notes,
+        duration_s=float(chosen.base.t[-1] - chosen.base.t[0]),
+    )
+
+
+def _places_left(evidence: Evidence) -> tuple[Place, ...]:
+    """Where what has no name sits."""
+    out = []
+    for family in evidence.ceiling[:2]:
+        if family.gain.sum() > FLOOR_NATS:
+            out.append(Place(family.channel, family.axis, pictures.MOTION_HZ, None, float(family.gain.sum())))
+    axis, band = np.unravel_index(int(np.argmax(evidence.excess.nats)), evidence.excess.nats.shape)
+    nats, edges = float(evidence.excess.nats[axis].clip(0.0).sum()), evidence.excess.edges_hz
+    if nats > FLOOR_NATS:
+        out.append(Place("sub.gyro", "xyz"[axis], (float(edges[band]), float(edges[band + 1])), None, nats))
+    return tuple(out)
+
+
+def _advice(evidence: Evidence, verdict: Abstention, named: tuple[Finding, ...]) -> tuple[str, ...]:
+    out = [finding.advice for finding in named if finding.advice]
+    if verdict.reason:
+        nearest = ", ".join(finding.name for finding in evidence.findings[:2])
+        out.append(f"Nothing is named: {verdict.reason}. What comes nearest: {nearest}.")
+    if verdict.verdict in (Verdict.UNKNOWN_EFFECT, Verdict.PARTLY_EXPLAINED):
+        best = evidence.ceiling[0] if evidence.ceiling else None
+        if best is not None and best.gain.sum() > FLOOR_NATS:
+            out.append(f"What is left looks like {best.name} ({best.channel} {best.axis}, {best.gain.sum():.0f} nats).")
+        if evidence.excess.total > FLOOR_NATS:
+            out.append("The spectrum of the flexure is not the one of the model: look at the spectra of the residual.")
+    if named:
+        out.append("A match shows that the log is consistent with the effect, not that the effect is the cause.")
+    return tuple(out)
+
+
+def _tested(evidence: Evidence, named: tuple[Finding, ...], verdict: Abstention) -> tuple[Tested, ...]:
+    """A row for every effect that was looked at, strongest first."""
+    rows = {
+        name: (nats, evidence.chosen.thresholds.get(name, FLOOR_NATS), "")
+        for name, nats in evidence.chosen.alone.items()
+    }
+    for candidate in evidence.candidates:
+        rows[candidate.finding.name] = (candidate.finding.evidence_nats, candidate.threshold_nats, candidate.reason)
+    for name in direct.EFFECTS:
+        rows.setdefault(name, (0.0, FLOOR_NATS, ""))
+    for finding in evidence.findings:
+        rows[finding.name] = (finding.evidence_nats, rows.get(finding.name, (0.0, FLOOR_NATS, ""))[1], "")
+    chosen = {finding.name for finding in named}
+    out = [
+        Tested(
+            name, float(nats), float(threshold), name in chosen, reason or _why(name, nats, threshold, chosen, verdict)
+        )
+        for name, (nats, threshold, reason) in rows.items()
+    ]
+    return tuple(sorted(out, key=lambda row: -(row.evidence_nats or 0.0)))
+
+
+def _why(name: str, nats: float, threshold: float, named: set[str], verdict: Abstention) -> str:
+    """Why an effect with evidence was not named."""
+    if name in named or nats < threshold:
+        return ""
+    return verdict.reason or "nothing is left for it beside the named effects"

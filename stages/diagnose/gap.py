@@ -1,0 +1,94 @@
+"""How large the gap is and how far the named effects close it, in held-out nats, with an interval over blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from schemas.diagnosis import Comparison, Finding, Gap
+from schemas.rig import FloatArray
+from stages.diagnose.evidence import gram, held_out
+from stages.diagnose.selection import Selection
+
+DRAWS = 400
+INTERVAL = (2.5, 97.5)
+
+
+def gap_of(chosen: Selection, named: tuple[Finding, ...], left: float, rng: np.random.Generator) -> Gap:
+    """left: nats that the ceiling gains on top of everything named."""
+    names = {finding.name for finding in named}
+    blocks = _mean_part(chosen, names)
+    other = sum(f.evidence_nats for f in named) - sum(
+        f.evidence_nats for f in named if f.name in {pick.group.effect for pick in chosen.picks}
+    )
+    return _gap(blocks, other, left, chosen, rng)
+
+
+def _mean_part(chosen: Selection, names: set[str]) -> FloatArray:
+    """(b,) nats per block that the named mean effects gain together."""
+    more = [k for pick in chosen.picks if pick.group.effect in names for k in chosen.columns(pick)]
+    base = [k for k in chosen.explained if k not in more]
+    if not more:
+        return np.zeros(len(chosen.gram.blocks))
+    timed = any("time" in pick.group.shape for pick in chosen.picks if pick.group.effect in names)
+    if timed:  # an event sits in one block: no other one knows its parameters
+        total = sum(chosen.evidence[name] for name in names if name in chosen.evidence)
+        return np.full(len(chosen.gram.blocks), total / len(chosen.gram.blocks))
+    return held_out(chosen.gram, base, more)
+
+
+def _gap(blocks: FloatArray, other: float, left: float, chosen: Selection, rng: np.random.Generator) -> Gap:
+    samples = float(chosen.gram.count.sum())
+    gained = float(blocks.sum()) + other
+    total = gained + left
+    if total <= 0.0 or gained <= 0.0:
+        return Gap(max(left, 0.0) / samples, max(left, 0.0) / samples, 0.0, (0.0, 0.0))
+    draws = blocks[rng.integers(0, len(blocks), (DRAWS, len(blocks)))].sum(axis=1)
+    draws = draws + other + np.sqrt(2.0 * max(other, 0.0)) * rng.standard_normal(DRAWS)
+    # What is left is a log-likelihood ratio of its own: it scatters by the root of twice its size, and by a few nats.
+    over = np.maximum(left + np.sqrt(2.0 * left + 10.0) * rng.standard_normal(DRAWS), 0.0)
+    closed = np.clip(draws / np.maximum(draws + over, 1e-9), 0.0, 1.0)
+    low, high = np.percentile(closed, INTERVAL)
+    return Gap(total / samples, left / samples, gained / total, (float(low), float(high)))
+
+
+def comparisons(
+    chosen: Selection, named: tuple[Finding, ...], left: float, rng: np.random.Generator
+) -> tuple[Comparison, ...]:
+    """The same for the best effect that was not named, in the named ones' place, and for a placebo."""
+    picks = [pick for pick in chosen.picks if pick.group.effect in {finding.name for finding in named}]
+    if not picks or "time" in picks[0].group.shape:
+        return ()
+    more = [k for pick in picks for k in chosen.columns(pick)]
+    base = [k for k in chosen.explained if k not in more]
+    total = float(held_out(chosen.gram, base, more).sum()) + left
+    taken = {pick.group.effect for pick in chosen.picks}
+    rivals = [g for g in chosen.regressors.groups if g.effect not in taken and "time" not in g.shape]
+    scored = [(float(held_out(chosen.gram, base, chosen.gram.index(g.names)).sum()), g) for g in rivals]
+    out = []
+    if scored:
+        best = max(scored, key=lambda item: item[0])[1]
+        blocks = held_out(chosen.gram, base, chosen.gram.index(best.names))
+        gained = max(float(blocks.sum()), 0.0)
+        out.append(Comparison("runner-up", best.effect, _gap(blocks, 0.0, max(total - gained, 0.0), chosen, rng)))
+    blocks = _placebo(chosen, base, more)
+    gained = max(float(blocks.sum()), 0.0)
+    name = f"{picks[0].group.effect} of another hour"
+    out.append(Comparison("placebo", name, _gap(blocks, 0.0, max(total - gained, 0.0), chosen, rng)))
+    return tuple(out)
+
+
+def _placebo(chosen: Selection, base: list[int], more: list[int]) -> FloatArray:
+    """The regressors of the answer half a record out of step."""
+    columns = chosen.regressors.columns
+    moved = np.roll(columns[:, :, more], len(columns) // 2, axis=0)
+    values = restored_values(chosen)
+    stacked = np.concatenate([columns[:, :, base], moved], axis=2)
+    names = [str(k) for k in range(stacked.shape[2])]
+    precision = np.concatenate([chosen.gram.precision[base], np.zeros(len(more))])
+    own = gram(names, stacked, values, chosen.base.t, precision)
+    return held_out(own, range(len(base)), range(len(base), len(names)))
+
+
+def restored_values(chosen: Selection) -> FloatArray:
+    """(N, m) whitened innovations as the twin alone leaves the log."""
+    return np.asarray(chosen.values + chosen.taken)

@@ -1,0 +1,109 @@
+"""A bias of the sub-IMU's gyros that wanders, as a Gaussian process in the regression.
+
+b(t) = sum c_k sqrt(2/T) cos(pi k t / T) per axis, c_k normal with the density of a first-order Gauss-Markov process at
+k / 2T: 2 sigma^2 tau / (1 + (2 pi f tau)^2). The columns are whitened once; evidence is the marginal likelihood of the
+best (sigma, tau) over that of no wandering, less the price of two parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from physics.units import DEG_PER_HOUR
+from schemas.rig import FloatArray
+from stages.diagnose import whitening
+from stages.diagnose.baseline import Baseline, Nuisance
+from twin.effects._prediction import Signals, on_axis
+
+NAME = "gyro_bias_instability"
+FASTEST_S = 25.0  # shortest half period of the basis
+MOST_TERMS = 48
+TAUS_S = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
+SIGMAS = tuple(0.02 * 1.5**k for k in range(22))  # deg/h
+PRICE = 6.0  # nats
+
+
+@dataclass(frozen=True)
+class Wander:
+    """std: deg/h and its standard error, tau: s and its standard error, evidence: nats. by_axis: (3,) nats."""
+
+    std: float
+    std_error: float
+    tau: float
+    tau_error: float
+    evidence: float
+    by_axis: FloatArray
+
+
+@dataclass(frozen=True)
+class Basis:
+    """columns: (N, 9, 3 terms) whitened, axis by axis; raw: (N, 9, 3 terms); frequency: (terms,) Hz."""
+
+    raw: FloatArray
+    columns: FloatArray
+    frequency: FloatArray
+
+
+def basis(base: Baseline) -> Basis:
+    """The cosines on a baseline."""
+    t = base.obs.t
+    length = float(t[-1] - t[0])
+    terms = int(np.clip(length / FASTEST_S, 4, MOST_TERMS))
+    cosines = [np.cos(np.pi * k * (t - t[0]) / length) * np.sqrt((2.0 if k else 1.0) / length) for k in range(terms)]
+    raw = np.stack([base.response(Signals(gyro=on_axis(axis, wave))) for axis in range(3) for wave in cosines], axis=2)
+    return Basis(raw, whitening.whiten_columns(base.whitened, raw), np.arange(terms) / (2.0 * length))
+
+
+def variances(frequency: FloatArray, std: float, tau: float) -> FloatArray:
+    """(3 terms,) of the coefficients, (rad/s)^2 s; std in deg/h."""
+    density = 2.0 * (std * DEG_PER_HOUR) ** 2 * tau / (1.0 + (2.0 * np.pi * frequency * tau) ** 2)
+    return np.tile(density, 3)
+
+
+def wander(base: Baseline, made: Basis, columns: FloatArray, precision: FloatArray) -> Wander:
+    """The best process on top of whitened regressors (N, 9, K) with their priors."""
+    y = base.whitened.values
+    ok = np.isfinite(y)
+    terms, K = made.columns.shape[2], columns.shape[2]
+    Z = np.column_stack([columns[ok], made.columns[ok], y[ok]])
+    G = Z.T @ Z
+    A, B, C = G[:K, :K] + np.diag(precision), G[:K, K:-1], G[K:-1, K:-1]
+    size = np.sqrt(np.diag(A))
+    solved = np.linalg.solve(
+        A / np.outer(size, size) + 1e-10 * np.eye(K), np.column_stack([B, G[:K, -1]]) / size[:, None]
+    )
+    solved /= size[:, None]
+    information = C - B.T @ solved[:, :-1]
+    moment = G[K:-1, -1] - B.T @ solved[:, -1]
+    grid = list(product(SIGMAS, TAUS_S))
+    told = np.array([_marginal(information, moment, variances(made.frequency, s, tau)) for s, tau in grid])
+    best = int(np.argmax(told))
+    std, tau = grid[best]
+    weight = np.exp(told - told[best])
+    weight /= weight.sum()
+    log_std, log_tau = np.log([s for s, _ in grid]), np.log([tau for _, tau in grid])
+    errors = [float(np.sqrt(np.sum(weight * (x - np.sum(weight * x)) ** 2))) for x in (log_std, log_tau)]
+    mean_std, mean_tau = (float(np.exp(np.sum(weight * x))) for x in (log_std, log_tau))
+    third = terms // 3
+    parts = [slice(axis * third, (axis + 1) * third) for axis in range(3)]
+    v = variances(made.frequency, std, tau)
+    by_axis = np.array([_marginal(information[p, p], moment[p], v[p]) for p in parts])
+    return Wander(mean_std, mean_std * errors[0], mean_tau, mean_tau * errors[1], float(told[best]) - PRICE, by_axis)
+
+
+def _marginal(information: FloatArray, moment: FloatArray, variance: FloatArray) -> float:
+    """ln N(y; 0, I + X V X^T) - ln N(y; 0, I)."""
+    root = np.sqrt(variance)
+    M = np.eye(len(root)) + root[:, None] * information * root
+    value = np.linalg.solve(M, root * moment)
+    return float(0.5 * (root * moment) @ value - 0.5 * np.linalg.slogdet(M)[1])
+
+
+def as_nuisances(made: Basis, std: float, tau: float) -> Sequence[Nuisance]:
+    """The process as regressors with priors."""
+    sigma = np.sqrt(variances(made.frequency, std, tau))
+    return [Nuisance(f"wander {k}", made.raw[:, :, k], float(s)) for k, s in enumerate(sigma)]

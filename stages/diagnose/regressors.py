@@ -1,0 +1,177 @@
+"""Regressors of all mean effects on one baseline, whitened, with their Gram matrices.
+
+An effect's columns form groups: one group for each shape (a period, a time) that it may have. Shapes are chosen by what
+the log says: steps where the gyros' innovations jump, periods where the PHINS' innovations ring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from schemas.rig import FloatArray
+from stages.diagnose import whitening
+from stages.diagnose.baseline import Baseline, full_rate
+from stages.diagnose.evidence import Gram, gram
+from stages.diagnose.latency import main_column, main_match
+from stages.diagnose.view import log_view
+from twin import effects
+from twin.effects._prediction import LogView
+
+PERIODS_TRIED = 4
+SHORTEST_PERIOD_S, LONGEST_PERIOD = 20.0, 4.0  # s; in lengths of the record
+DRIFT_WINDOW_S = 60.0  # s, over which theta is freed of the gyros' drift
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns of one effect with one shape. names: of the columns in the Gram; parameters: theirs, in this order."""
+
+    effect: str
+    names: tuple[str, ...]
+    parameters: tuple[str, ...]
+    shape: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def slope(self) -> str:
+        """Name of the column of its period, where it is named and has one."""
+        return f"{self.effect}|period"
+
+
+@dataclass(frozen=True)
+class Regressors:
+    """All groups of one baseline, and the Gram matrices of their columns beside the nuisances'."""
+
+    groups: tuple[Group, ...]
+    gram: Gram
+    nuisances: tuple[str, ...]
+    columns: FloatArray
+    untestable: Mapping[str, str]
+
+    def of(self, effect: str) -> tuple[Group, ...]:
+        """The groups of one effect."""
+        return tuple(group for group in self.groups if group.effect == effect)
+
+
+def view_of(base: Baseline) -> LogView:
+    """The view from which effects predict."""
+    theta = full_rate(base.obs, base.at.R_ref)
+    width = max(3, int(DRIFT_WINDOW_S / float(np.median(np.diff(base.obs.t)))))
+    return log_view(base.source, base.obs, base.at.R_ref, theta - _slow(theta, width))
+
+
+def _slow(x: FloatArray, width: int) -> FloatArray:
+    """Moving mean (n, c), windows cut short at the ends."""
+    total = np.vstack([np.zeros(x.shape[1]), np.cumsum(x, axis=0)])
+    k = np.arange(len(x))
+    low, high = np.maximum(k - width // 2, 0), np.minimum(k + width // 2 + 1, len(x))
+    return np.asarray((total[high] - total[low]) / (high - low)[:, None])
+
+
+def regressors(
+    base: Baseline, view: LogView, names: Sequence[str], free: Sequence[tuple[Group, FloatArray]] = ()
+) -> Regressors:
+    """Columns of the named effects; free: groups that are already named, with their values (k,): they keep their own
+    shape, and a period gets a column of its own, what a second of it changes."""
+    groups: list[Group] = []
+    raw: list[FloatArray] = []
+    untestable = {}
+    for name in names:
+        kept = [group.shape for group, _ in free if group.effect == name]
+        why = _missing(name, base)
+        if why:
+            untestable[name] = why
+            continue
+        for shape in kept or _shapes(name, base, view):
+            columns = effects.get(name).predict(view, **shape)
+            if not columns:
+                untestable.setdefault(name, "the log lacks what it follows (attitude, temperature)")
+                continue
+            labels = tuple(f"{name}|{column.parameter}|{_label(shape)}" for column in columns)
+            raw += [base.response(column.signals) for column in columns]
+            groups.append(Group(name, labels, tuple(column.parameter for column in columns), shape))
+    columns_of = [label for group in groups for label in group.names]
+    for group, value in free:
+        if "period" in group.shape:
+            columns_of.append(group.slope)
+            raw.append(_period_slope(base, view, group, value))
+    own = [nuisance.name for nuisance in base.nuisances]
+    stacked = np.stack(raw, axis=2) if raw else np.zeros((len(base.t), 9, 0))
+    white = np.concatenate([base.columns, whitening.whiten_columns(base.whitened, stacked)], axis=2)
+    values, white = _with_main(base, view, white, groups)
+    precision = np.concatenate([base.precision, np.zeros(len(columns_of))])
+    found = gram([*own, *columns_of], white, values, base.t, precision)
+    return Regressors(tuple(groups), found, tuple(own), white, untestable)
+
+
+def _with_main(
+    base: Baseline, view: LogView, white: FloatArray, groups: Sequence[Group]
+) -> tuple[FloatArray, FloatArray]:
+    """Innovations and regressors with the main PHINS's channels beside them, where there are any."""
+    match = main_match(base)
+    if match is None:
+        return base.whitened.values, white
+    more, first = np.zeros((len(base.t), 3, white.shape[2])), base.columns.shape[2]
+    for group in groups:
+        for k, column in enumerate(effects.get(group.effect).predict(view, **group.shape)):
+            if column.signals.phins_main is not None:
+                more[:, :, first + k] = main_column(base, match, column.signals)
+        first += len(group.names)
+    return np.hstack([base.whitened.values, match.y]), np.concatenate([white, more], axis=1)
+
+
+def _period_slope(base: Baseline, view: LogView, group: Group, value: FloatArray) -> FloatArray:
+    """(N, 9) per second of period, by central differences."""
+    period = group.shape["period"]
+    step = 1e-3 * period
+    cls = effects.get(group.effect)
+
+    def answer(at: float) -> FloatArray:
+        columns = cls.predict(view, **{**group.shape, "period": at})
+        return sum((v * base.response(c.signals) for v, c in zip(value, columns)), np.zeros((len(base.t), 9)))
+
+    return np.asarray((answer(period + step) - answer(period - step)) / (2.0 * step))
+
+
+def _label(shape: Mapping[str, float]) -> str:
+    return ",".join(f"{key}={value:.6g}" for key, value in shape.items())
+
+
+def _missing(name: str, base: Baseline) -> str:
+    """Why an effect cannot be tested on this baseline, empty where it can."""
+    needs = " ".join(effects.get(name).needs)
+    if "phins" in needs and base.match is None:
+        return "there is no pair of PHINS with attitude in the log"
+    if "temperature" in needs and base.source.trial.temperature_sub is None:
+        return "there is no temperature of the sub-IMU in the log"
+    return ""
+
+
+def _shapes(name: str, base: Baseline, view: LogView) -> list[dict[str, float]]:
+    if name == "misalignment_step":
+        return [{"time": time - 0.5 * view.interval} for time in base.jumps]
+    if name == "thermal_bending":
+        length = view.t[-1] - view.t[0]
+        return [{"period": float(p)} for p in np.geomspace(max(length / 4.0, 60.0), 8.0 * length, 6)]
+    if name == "phins_attitude_error":
+        return [{"period": period} for period in error_periods(base)]
+    return [{}]
+
+
+def error_periods(base: Baseline) -> list[float]:
+    """Periods at which the innovations of the PHINS ring most, any phase."""
+    t, y = base.t, np.nan_to_num(base.residual()[:, 6:9])
+    length = t[-1] - t[0]
+    frequency = np.arange(1.0 / (LONGEST_PERIOD * length), 1.0 / SHORTEST_PERIOD_S, 0.25 / length)
+    phase = 2.0 * np.pi * frequency[:, None] * (t - t[0])
+    power = sum(np.abs(np.exp(-1j * phase) @ column) ** 2 for column in y.T)
+    out: list[float] = []
+    for k in np.argsort(power)[::-1]:
+        period = float(1.0 / frequency[k])
+        if all(abs(1.0 / period - 1.0 / other) > 0.5 / length for other in out):
+            out.append(period)
+        if len(out) == PERIODS_TRIED:
+            break
+    return out

@@ -1,0 +1,364 @@
+"""Which mean effects a log speaks for: greedy selection by held-out evidence, relinearised after each.
+
+A named effect is taken out of the log (:mod:`twin.compensation`), the baseline is made anew about what is left, and the
+effect's columns stay in the regression with a flat prior: its parameters are what was taken out plus what is found now.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from schemas.errors import DataError
+from schemas.products import Alignment
+from schemas.rig import FloatArray
+from schemas.trial import Trial
+from stages.diagnose import instability, whitening
+from stages.diagnose.baseline import Baseline, baseline, extended
+from stages.diagnose.candidate import FLOOR_NATS
+from stages.diagnose.evidence import Gram, held_out, null_evidence, shifted, solve
+from stages.diagnose.instability import Wander
+from stages.diagnose.latency import main_match
+from stages.diagnose.regressors import Group, Regressors, regressors, view_of
+from stages.diagnose.view import believed
+from stages.diagnose.whitening import Levels
+from twin import effects
+from twin.compensation import compensate
+from twin.config import Twin
+from twin.effects import Effect
+from twin.effects._change import section
+
+MEAN = tuple(name for name in effects.names() if effects.get(name).predict.__func__ is not Effect.predict.__func__)  # type: ignore[attr-defined]
+MOST = 4  # effects named in one log
+NEGLIGIBLE = 1e-4  # of the first one's evidence: later picks below it are what linearisation leaves
+NULL_DRAWS = 100
+KEPT_SHARE = 0.8  # of the threshold, below which a pick is dropped again beside the others
+PERIOD_ROUNDS = 4
+EVENT_PENALTY = 3.0  # nats more for an event, on top of ln(steps) and half ln(steps) a parameter: its time was searched
+
+
+@dataclass(frozen=True)
+class Pick:
+    """A named effect: its group's columns, values and covariance in the units of the declaration, taken-out part in."""
+
+    group: Group
+    value: FloatArray
+    covariance: FloatArray
+    shape_std: float = 0.0
+
+    @property
+    def effect(self) -> Effect:
+        """The effect with these parameters."""
+        return built(self.group, self.value)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """base, regressors: about the log with the picks taken out. gram: the same with y as the twin alone leaves it.
+
+    evidence: name to held-out nats, of a pick beside the others, of
+    another effect on top of all picks. thresholds: what each had to reach. alone: evidence of each as the only one.
+    """
+
+    picks: tuple[Pick, ...]
+    base: Baseline
+    regressors: Regressors
+    gram: Gram
+    evidence: Mapping[str, float]
+    alone: Mapping[str, float]
+    thresholds: Mapping[str, float]
+    clean: Trial
+    wandering: Wander | None
+
+    @property
+    def nuisances(self) -> list[int]:
+        """Places of the nuisances but false samples in the Gram."""
+        return _nuisances(self.regressors)
+
+    @property
+    def values(self) -> FloatArray:
+        """(N, m) whitened innovations with the picks taken out of the log."""
+        match = main_match(self.base)
+        own = self.base.whitened.values
+        return own if match is None else np.hstack([own, match.y])
+
+    @property
+    def fitted(self) -> list[int]:
+        """Places of all that the last fit has: nuisances, false samples, picks."""
+        return [
+            *range(len(self.regressors.nuisances)),
+            *self.regressors.gram.index(_named(self.regressors, self.picks)),
+        ]
+
+    @property
+    def explained(self) -> list[int]:
+        """Places of nuisances and of all that the picks have."""
+        return _with(self.regressors, self.picks)
+
+    def columns(self, pick: Pick) -> list[int]:
+        """Places of a pick's columns in the Gram."""
+        return self.gram.index(_kept(self.regressors, pick).names)
+
+    @property
+    def taken(self) -> FloatArray:
+        """(N, m) whitened: what the picks take off the log."""
+        places = [k for pick in self.picks for k in self.columns(pick)]
+        values = np.concatenate([pick.value for pick in self.picks]) if self.picks else np.zeros(0)
+        return np.asarray(self.regressors.columns[:, :, places] @ values)
+
+
+def select(
+    trial: Trial, twin: Twin, coarse: Alignment, rng: np.random.Generator,
+    library: Collection[str] = (*MEAN, instability.NAME),
+) -> Selection:  # fmt: skip
+    """Name mean effects one after the other until the next one's held-out evidence does not beat its threshold."""
+    names = [name for name in MEAN if name in library]
+    picks: tuple[Pick, ...] = ()
+    alone: dict[str, float] = {}
+    levels: Levels | None = None
+    wandering: Wander | None = None
+    thresholds: dict[str, float] = {}
+    for _ in range(MOST + 1):
+        base, found, clean = _about(trial, twin, coarse, picks, names, levels, wandering)
+        levels = base.levels
+        gram, taken = _frozen(found, picks)
+        picks = _refined(found, gram, picks, taken)
+        thresholds = _thresholds(found, gram, picks, rng)
+        scored = _scored(found, gram, picks)
+        moved = _wander(base, found, picks) if instability.NAME in library and wandering is None else None
+        if not alone:
+            alone = {name: score for name, (score, _) in scored.items()}
+            alone |= {instability.NAME: moved.evidence} if moved else {}
+        best = max(scored, key=lambda name: scored[name][0] - thresholds.get(name, FLOOR_NATS), default=None)
+        gain = scored[best][0] if best is not None else -np.inf
+        if moved is not None and moved.evidence > max(gain, FLOOR_NATS):
+            wandering = moved
+        elif best is None or len(picks) == MOST or not _worth(gain, thresholds[best], alone, picks):
+            break
+        else:
+            picks = (*picks, _picked(base, found, gram, picks, scored[best][1]))
+    chosen = _finished(picks, base, found, clean, alone, thresholds, wandering)
+    while weakest := _unworthy(chosen):
+        picks = tuple(pick for pick in chosen.picks if pick.group.effect != weakest)
+        wandering = None if weakest == instability.NAME else chosen.wandering
+        base, found, clean = _about(trial, twin, coarse, picks, names, chosen.base.levels, wandering)
+        gram, taken = _frozen(found, picks)
+        chosen = _finished(_refined(found, gram, picks, taken), base, found, clean, alone, thresholds, wandering)
+    return chosen
+
+
+def _wander(base: Baseline, found: Regressors, picks: Sequence[Pick]) -> Wander:
+    """What a wandering bias of the gyros would gain on top of the picks."""
+    kept = [k for k in _with(found, picks) if not found.gram.names[k].startswith("wander")]
+    kept += [k for k, name in enumerate(found.nuisances) if name.startswith("impulse")]
+    own = found.columns[:, : base.whitened.values.shape[1], kept]
+    return instability.wander(base, instability.basis(base), own, found.gram.precision[kept])
+
+
+def _unworthy(chosen: Selection) -> str | None:
+    """The pick that, beside the others, falls furthest short of its threshold."""
+    named = [pick.group.effect for pick in chosen.picks] + ([instability.NAME] if chosen.wandering else [])
+    short = {name: chosen.evidence[name] - KEPT_SHARE * chosen.thresholds.get(name, FLOOR_NATS) for name in named}
+    name = min(short, key=lambda key: short[key], default=None)
+    return name if name is not None and short[name] < 0.0 else None
+
+
+def _worth(evidence: float, threshold: float, alone: Mapping[str, float], picks: Sequence[Pick]) -> bool:
+    first = max((alone[pick.group.effect] for pick in picks), default=0.0)
+    return evidence >= max(threshold, NEGLIGIBLE * first)
+
+
+def _about(
+    trial: Trial, twin: Twin, coarse: Alignment, picks: Sequence[Pick], names: Sequence[str], levels: Levels | None,
+    wandering: Wander | None,
+) -> tuple[Baseline, Regressors, Trial]:  # fmt: skip
+    """Baseline, regressors and log with the picks taken out."""
+    named = [pick.effect for pick in picks]
+    clean = compensate(trial, named, twin).trial if picks else trial
+    arm = reduce(lambda changed, effect: effect.twin(changed), named, twin).mount.lever_arm
+    base = baseline(believed(clean, section(twin, "mount", lever_arm=arm)), coarse, levels)
+    if wandering is not None:
+        base = extended(base, instability.as_nuisances(instability.basis(base), wandering.std, wandering.tau))
+    return base, regressors(base, view_of(base), names, [(pick.group, pick.value) for pick in picks]), clean
+
+
+def _frozen(found: Regressors, picks: Sequence[Pick]) -> tuple[Gram, FloatArray]:
+    """False gyro samples fitted once and subtracted, because blocks that do not hold them know nothing of them."""
+    chosen = [*range(len(found.nuisances)), *found.gram.index(_named(found, picks))]
+    value = solve(found.gram.total, found.gram.precision, chosen).value
+    impulse = [k for k, name in enumerate(found.nuisances) if name.startswith("impulse")]
+    return shifted(found.gram, impulse, -value[impulse]), value
+
+
+def _kept(found: Regressors, pick: Pick) -> Group:
+    """The group of a pick on this baseline: there it is the only one of its effect."""
+    return found.of(pick.group.effect)[0]
+
+
+def _nuisances(found: Regressors) -> list[int]:
+    return [k for k, name in enumerate(found.nuisances) if not name.startswith("impulse")]
+
+
+def _named(found: Regressors, picks: Sequence[Pick]) -> list[str]:
+    """Columns of the picks, then those of their periods."""
+    periods = [pick.group.slope for pick in picks if pick.group.slope in found.gram.names]
+    return [*(name for pick in picks for name in _kept(found, pick).names), *periods]
+
+
+def _with(found: Regressors, picks: Sequence[Pick]) -> list[int]:
+    return [*_nuisances(found), *found.gram.index(_named(found, picks))]
+
+
+def _refined(found: Regressors, gram: Gram, picks: Sequence[Pick], taken: FloatArray) -> tuple[Pick, ...]:
+    """What was taken out plus what is found now."""
+    chosen = _with(found, picks)
+    fit = solve(gram.total, gram.precision, chosen)
+    out, first = [], len(_nuisances(found))
+    for pick in picks:
+        here = slice(first, first + len(pick.group.names))
+        out.append(replace(pick, value=pick.value + fit.value[here], covariance=fit.covariance[here, here]))
+        first = here.stop
+    for k, pick in enumerate(picks):
+        if pick.group.slope in found.gram.names:
+            old = pick.group.shape["period"]
+            period = old + float(np.clip(fit.value[first], -0.3 * old, 0.3 * old))
+            std = float(np.sqrt(fit.covariance[first, first]))
+            out[k] = replace(out[k], group=_at_period(pick.group, period), shape_std=std)
+            first += 1
+    return tuple(out)
+
+
+def _at_period(group: Group, period: float) -> Group:
+    names = tuple(f"{group.effect}|{parameter}|period={period:.6g}" for parameter in group.parameters)
+    return replace(group, names=names, shape={**group.shape, "period": period})
+
+
+def _scored(found: Regressors, gram: Gram, picks: Sequence[Pick]) -> dict[str, tuple[float, Group]]:
+    """Held-out nats of the best shape of every effect that is not picked yet, on top of the picks."""
+    base = _with(found, picks)
+    out: dict[str, tuple[float, Group]] = {}
+    for group in found.groups:
+        if any(pick.group.effect == group.effect for pick in picks):
+            continue
+        score = _score(found, gram, base, group)
+        if group.effect not in out or score > out[group.effect][0]:
+            out[group.effect] = (score, group)
+    return out
+
+
+def _score(found: Regressors, gram: Gram, base: Sequence[int], group: Group) -> float:
+    if "time" in group.shape:
+        return event_evidence(found, base, group)
+    return float(held_out(gram, base, gram.index(group.names)).sum())
+
+
+def event_evidence(found: Regressors, base: Sequence[int], group: Group) -> float:
+    """In-sample gain of an event over false gyro samples at the same times, less the price of its parameters."""
+    G, precision = found.gram.total, found.gram.precision
+    impulses = [k for k, name in enumerate(found.nuisances) if name.startswith("impulse")]
+    lesser = solve(G, precision, [*base, *impulses]).gain
+    greater = solve(G, precision, [*base, *impulses, *found.gram.index(group.names)]).gain
+    steps = float(np.log(max(found.gram.count.sum() / 9.0, 2.0)))
+    return greater - lesser - 0.5 * len(group.names) * steps - steps - EVENT_PENALTY
+
+
+def _thresholds(found: Regressors, gram: Gram, picks: Sequence[Pick], rng: np.random.Generator) -> dict[str, float]:
+    """The floor, or more where white noise in this very log reaches more by chance."""
+    base = _with(found, picks)
+    out = {group.effect: FLOOR_NATS for group in found.groups}
+    groups = [group for group in found.groups if "time" not in group.shape]
+    reached = null_evidence(gram, base, [gram.index(group.names) for group in groups], rng, NULL_DRAWS)
+    for group, high in zip(groups, reached):
+        out[group.effect] = max(out[group.effect], 1.5 * float(high))
+    return out
+
+
+def _picked(base: Baseline, found: Regressors, gram: Gram, picks: Sequence[Pick], group: Group) -> Pick:
+    kept, k = _with(found, picks), len(group.names)
+    if "time" in group.shape:
+        impulses = [i for i, name in enumerate(found.nuisances) if name.startswith("impulse")]
+        fit = solve(found.gram.total, found.gram.precision, [*kept, *impulses, *found.gram.index(group.names)])
+    elif "period" in group.shape:
+        return _with_period(base, found, gram, kept, group)
+    else:
+        fit = solve(gram.total, gram.precision, [*kept, *gram.index(group.names)])
+    return Pick(group, fit.value[-k:], fit.covariance[-k:, -k:])
+
+
+def _with_period(base: Baseline, found: Regressors, gram: Gram, kept: Sequence[int], group: Group) -> Pick:
+    """A sine with the period that fits best, from the one of its group on."""
+    view, cls = view_of(base), effects.get(group.effect)
+    own = found.columns[:, : base.whitened.values.shape[1]]
+    frozen = base.whitened.values - own[:, :, kept] @ solve(gram.total, gram.precision, kept).value
+
+    def tried(period: float) -> tuple[float, FloatArray, FloatArray]:
+        raw = np.stack([base.response(column.signals) for column in cls.predict(view, **{"period": period})], axis=2)
+        X = np.concatenate([own[:, :, kept], whitening.whiten_columns(base.whitened, raw)], axis=2)
+        ok = np.isfinite(frozen)
+        Z = np.column_stack([X[ok], base.whitened.values[ok]])
+        precision = np.concatenate([gram.precision[kept], np.zeros(raw.shape[2])])
+        fit = solve(Z.T @ Z, precision, range(X.shape[2]))
+        k = raw.shape[2]
+        return fit.gain, fit.value[-k:], fit.covariance[-k:, -k:]
+
+    log_period = np.log(group.shape["period"])
+    width = 0.5 * np.exp(log_period) / (view.t[-1] - view.t[0])
+    for _ in range(PERIOD_ROUNDS):
+        offsets = np.linspace(-width, width, 5)
+        gains = [tried(float(np.exp(log_period + offset)))[0] for offset in offsets]
+        log_period += offsets[int(np.argmax(gains))]
+        width *= 0.4
+    period = float(np.exp(log_period))
+    _, value, covariance = tried(period)
+    return Pick(_at_period(group, period), value, covariance)
+
+
+def _finished(
+    picks: tuple[Pick, ...], base: Baseline, found: Regressors, clean: Trial, alone: Mapping[str, float],
+    thresholds: Mapping[str, float], wandering: Wander | None,
+) -> Selection:  # fmt: skip
+    gram, _ = _frozen(found, picks)
+    places = found.gram.index([name for pick in picks for name in _kept(found, pick).names])
+    values = np.concatenate([pick.value for pick in picks]) if picks else np.zeros(0)
+    first = len(_nuisances(found))
+    now = solve(gram.total, gram.precision, _with(found, picks)).value[first : first + len(places)]
+    restored = shifted(gram, places, values - now)  # as the twin alone leaves the log
+    evidence = {}
+    for pick in picks:
+        others = [other for other in picks if other is not pick]
+        group = _kept(found, pick)
+        if "time" in group.shape:
+            evidence[pick.group.effect] = alone[pick.group.effect]
+        else:
+            evidence[pick.group.effect] = float(
+                held_out(restored, _with(found, others), restored.index(group.names)).sum()
+            )
+    for name, (score, _) in _scored(found, gram, picks).items():
+        evidence[name] = score
+    if wandering is not None:
+        wandering = _wander(base, found, picks)
+        evidence[instability.NAME] = wandering.evidence
+    return Selection(picks, base, found, restored, evidence, alone, thresholds, clean, wandering)
+
+
+def built(group: Group, value: FloatArray) -> Effect:
+    """An effect from the values of a group's columns; DataError where they are beyond what makes sense."""
+    parameters: dict[str, Any] = dict(group.shape)
+    for name, number in zip(group.parameters, value):
+        owner, _, axis = name.partition(".")
+        if axis:
+            parameters.setdefault(owner, {})[axis] = float(number)
+        else:
+            parameters[owner] = float(number)
+    try:
+        return effects.build(group.effect, parameters)
+    except DataError:
+        least = {item.name: item for item in effects.get(group.effect).parameters()}
+        for key, item in least.items():
+            if isinstance(parameters.get(key), float):
+                parameters[key] = float(np.clip(parameters[key], item.least, item.most))
+        return effects.build(group.effect, parameters)
