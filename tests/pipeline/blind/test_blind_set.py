@@ -151,6 +151,7 @@ def test_a_log_that_was_changed_is_not_answered(copied):
     assert answer(copied, diagnoser=f"{__name__}:truthful").failed == ("002.mcap", "003.mcap")
 
 
+@pytest.mark.slow
 def test_several_workers_give_the_same_answers(copied):
     done = answer(copied, method="global_nis", workers=2)
     assert done.failed == ()
