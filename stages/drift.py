@@ -11,14 +11,14 @@ BREAK_S = 0.1  # s: bridging a longer gap can miss more of the relative rotation
 SHORTEST_PIECE_S = 30.0  # s: less motion than this does not tell drift from flexure
 
 
-def drift_in_m(obs: Observations) -> FloatArray:
+def drift_in_m(obs: Observations, longest: float = BREAK_S) -> FloatArray:
     """(N, 3) rad, m-axes: ``A_m^T d`` with ``d = d_0 + int A_m eps``, by least squares on the increments of z.
 
-    Increments, because those of the flexure are nearly white while its angle is not. Each piece between gaps has its
-    own d_0 and eps; NaN in pieces too short for them.
+    Increments, because those of the flexure are nearly white while its angle is not. Each piece between gaps
+    longer than ``longest`` (s) has its own d_0 and eps; NaN in pieces too short for them.
     """
     drift = np.full_like(obs.z, np.nan)
-    starts = np.flatnonzero(obs.jump_s > BREAK_S)
+    starts = np.flatnonzero(obs.jump_s > longest)
     for first, last in zip([0, *starts], [*starts, len(obs.dt)]):
         piece = slice(int(first), int(last))
         if np.sum(obs.dt[piece]) >= SHORTEST_PIECE_S and np.isfinite(obs.z[piece, 0]).sum() > SHORTEST_PIECE_S:

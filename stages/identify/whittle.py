@@ -19,6 +19,9 @@ from stages.drift import BREAK_S, drift_in_m
 from stages.flexure_fit import HOLE_S, fit_flexure
 from stages.paired import Linearisation, Observations, observe, pair
 
+LONGER_BREAKS_S = (1.0, np.inf)  # s: gaps that cut the record where shorter ones would leave too little of it
+LEAST_SHARE = 0.5  # of the good samples that pieces must keep
+
 
 class Whittle:
     """Whittle likelihood of increments of the attitude difference, with standard errors; weak prior where short."""
@@ -30,16 +33,26 @@ class Whittle:
     def identify(self, trial: Trial, alignment: Alignment) -> FlexureModel:
         """Flexure model of a trial; DataError when the units hardly overlap."""
         obs = observe(pair(trial, alignment), Linearisation.at(alignment))
-        drift = drift_in_m(obs)
+        drift, unsure = _drift(obs)
         d = np.nan_to_num(np.einsum("kij,kj->ki", obs.A_end, drift))
         total = obs.total(d, np.zeros(len(obs.dt)))
-        return fit_flexure(obs.t, total, obs.good & ~_unsure(obs, drift), trial.rig)
+        return fit_flexure(obs.t, total, obs.good & ~unsure, trial.rig)
 
 
-def _unsure(obs: Observations, drift: FloatArray) -> BoolArray:
-    """(n,) samples without a drift, and those right after a gap at which it starts anew, so that no increment spans it."""
+def _drift(obs: Observations) -> tuple[FloatArray, BoolArray]:
+    """Drift of each piece between gaps, and the samples (n,) without a sure one; many short gaps cut no pieces."""
+    for longest in (BREAK_S, *LONGER_BREAKS_S):
+        drift = drift_in_m(obs, longest)
+        unsure = _unsure(obs, drift, longest)
+        if np.count_nonzero(obs.good & ~unsure) >= LEAST_SHARE * np.count_nonzero(obs.good):
+            break
+    return drift, unsure
+
+
+def _unsure(obs: Observations, drift: FloatArray, longest: float) -> BoolArray:
+    """(n,) samples without a drift, and those after a gap at which it starts anew, so that no increment spans it."""
     unknown = np.isnan(obs.spread(drift)[:, 0])
-    for end in obs.gap_end[obs.jump_s > BREAK_S]:
+    for end in obs.gap_end[obs.jump_s > longest]:
         first, last = np.searchsorted(obs.t, [end, end + 1.5 * HOLE_S])
         unknown[first:last] = True
     return unknown
