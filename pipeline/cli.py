@@ -161,6 +161,42 @@ def compare(
     console.display(*compare_report(runs, written))
 
 
+@app.command(epilog="Example: deckflex diagnose trial.mcap --twin ship.toml -o report.json --report report.html")
+def diagnose(
+    log: Log,
+    twin: Annotated[str, typer.Option("--twin", metavar="TWIN", help="TOML file, or name of a built-in one.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="REPORT.json", help="Report to write, for --compensate.")
+    ] = None,
+    rrd: Annotated[Path | None, typer.Option("--rrd", metavar="OUT.rrd", help="Rerun recording to write.")] = None,
+    report: Report = None,
+    rig: Rig = None,
+    shrink: Annotated[
+        bool, typer.Option("--shrink/--no-shrink", help="Run the estimator on log and twin, before and after.")
+    ] = True,
+    as_json: Json = False,
+) -> None:
+    """Say where a log departs from its twin, which effect causes it, and how far the gap shrinks with it."""
+    from pipeline.diagnosing import diagnose_log, report_document, write_diagnosis
+    from pipeline.files import check_targets
+
+    named_files = {"json": output, "recording": rrd, "report": report}
+    outputs = {kind: path for kind, path in named_files.items() if path is not None}
+    check_inputs(log, rig)
+    check_targets(
+        list(outputs.values()), [log, *([rig] if rig else []), *([Path(twin)] if Path(twin).is_file() else [])]
+    )
+    with console.progress_bar() as progress:
+        found = diagnose_log(log, twin, rig=rig, shrink=shrink, progress=progress)
+        write_diagnosis(found, outputs, progress)
+    if as_json:
+        console.emit(report_document(found))
+        return
+    from pipeline.diagnosis_printing import diagnosis_report
+
+    console.display(*diagnosis_report(found))
+
+
 @app.command(epilog="Example: deckflex info trial.mcap")
 def info(log: Log, rig: Rig = None, as_json: Json = False) -> None:
     """Say what a log holds: channels, rates, gaps, disorder, and what can be run on it."""

@@ -67,7 +67,7 @@ def write_comparison(runs: Sequence[LogRun], outputs: Outputs, progress: Progres
     results, decoded = [run.result for run in runs], runs[0].decoded
 
     def record(path: Path) -> None:
-        with _recording(path):
+        with recording(path):
             from stages.publish.recording.comparison import write_comparison
 
             write_comparison(results, decoded.trial, decoded.truth, path, outputs.rrd_rate)
@@ -124,14 +124,14 @@ def _write_log(path: Path, run: LogRun, outputs: Outputs) -> None:
 
 
 def _write_recording(path: Path, run: LogRun, outputs: Outputs) -> None:
-    with _recording(path):
+    with recording(path):
         from stages.publish.rerun_bridge import write_recording
 
         write_recording(run.result, run.decoded.trial, run.decoded.truth, path, outputs.rrd_rate)
 
 
 @contextmanager
-def _recording(path: Path) -> Iterator[None]:
+def recording(path: Path) -> Iterator[None]:
     """Say what Rerun has to say of a full disk, in one line; before its first import."""
     os.environ.setdefault("RUST_LOG", "off")
     try:

@@ -28,6 +28,7 @@ from stages.diagnose.view import Believed
 from stages.diagnose.whitening import AccelColour, Levels, PhinsMatch, Whitened
 from stages.estimate import tuning
 from stages.paired import Linearisation, Observations, Paired, observe, pair
+from twin.bending import quasi_static
 from twin.effects._prediction import Signals, on_axis
 
 GYRO_BIAS = 0.05 * DEG_PER_HOUR  # how far a twin's figure may be off without being a gap, one sigma
@@ -42,6 +43,7 @@ PER_STEP = (
 )  # fmt: skip
 JUMP_SIGMA, MOST_JUMPS = 6.0, 8
 IMPULSE = 0.01  # rad
+SLOW_SHARE = 0.1  # of the quasi-static amplitude
 INSTALLATION = 2.0 * ARCMIN
 COUPLING_SHARE = 0.1  # of the lever arm
 LAGGING_HZ = (0.5, 2.0, 8.0)
@@ -105,9 +107,10 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     paired = pair(source.trial, believed, despike=False)  # a step of the mounting is a spike of its gyro
     flexure = tuning.separable(identify.get("whittle")().identify(source.trial, believed))
     at = Linearisation.at(believed, source.lever_arm)
-    obs = observe(paired, at)
+    obs = _without_slow_bending(observe(paired, at), source)
     response = Response(obs, at.R_ref, at.coupling)
-    tuner = _Tuner(obs, at, whitening.phins_match(source.trial, obs), _nuisances(obs, at, response))
+    nuisances = (*_nuisances(obs, at, response), *_slow_bending(source, response))
+    tuner = _Tuner(obs, at, whitening.phins_match(source.trial, obs), nuisances)
     levels = _first_levels(source, believed, flexure)
     jumps = step_times(tuner, tuner.whitened(levels)[0])
     tuner = replace(tuner, nuisances=(*tuner.nuisances, *_impulses(jumps, response)))
@@ -116,6 +119,27 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     return Baseline(
         source, at, paired, obs, tuner.match, flexure, levels, whitened, tuner.nuisances, columns, response, jumps
     )
+
+
+def _without_slow_bending(obs: Observations, source: Believed) -> Observations:
+    """The observations less the quasi-static bending that the twin says, which moves the lever arm as any bending."""
+    belief = source.twin.flexure
+    if not any(belief.quasi_static_amplitude_arcmin):
+        return obs
+    return replace(obs, z=obs.z - quasi_static(belief, obs.t)[obs.index])
+
+
+def _slow_bending(source: Believed, response: Response) -> list[Nuisance]:
+    """Its amplitude and phase are never exactly the twin's."""
+    belief, out = source.twin.flexure, []
+    phase = 2.0 * np.pi * response.obs.t / belief.quasi_static_period
+    for axis, amplitude in enumerate(belief.quasi_static_amplitude_arcmin):
+        if amplitude:
+            for name, wave in (("sine", np.sin(phase)), ("cosine", np.cos(phase))):
+                bending = response(Signals(bending=on_axis(axis, wave)))
+                sigma = SLOW_SHARE * abs(amplitude) * ARCMIN
+                out.append(Nuisance(f"slow bending {name} {'xyz'[axis]}", bending, sigma))
+    return out
 
 
 def extended(base: Baseline, more: Sequence[Nuisance]) -> Baseline:

@@ -134,7 +134,7 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     ceiling = families(
         chosen.base, view_of(chosen.base), chosen.regressors.gram, chosen.regressors.columns, chosen.fitted
     )
-    excess = goodness.excess(goodness.data_of(residual, joint), joint)
+    excess = _excess(residual, twin, joint, spectral)
     findings = _findings(checks, chosen, candidates, joint)
     return Evidence(checks, chosen, candidates, found, before, residual, joint, ceiling, excess, findings)
 
@@ -166,6 +166,15 @@ def _spectral(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) ->
         named.remove(weak[-1])
         joint = spectra.fit(residual, twin, tuple(named))
     return alone, joint
+
+
+def _excess(residual: FullRateResidual, twin: Twin, joint: JointFit, spectral: tuple[Candidate, ...]) -> Excess:
+    """What the spectra leave; a log that was dulled by whatever wrote it, and not by the gyros, is no gap."""
+    named = tuple(finding.name for finding in joint.findings)
+    dulled = [c for c in spectral if c.finding.name == "gyro_bandwidth" and c.reason and c.finding.evidence_nats > 0.0]
+    if dulled and "gyro_bandwidth" not in named:
+        joint = spectra.fit(residual, twin, (*named, "gyro_bandwidth"))
+    return goodness.excess(goodness.data_of(residual, joint), joint)
 
 
 def _findings(

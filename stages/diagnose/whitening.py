@@ -116,7 +116,7 @@ def _attitude(series: ImuSeries | None, trial: Trial) -> tuple[IntArray, FloatAr
 
 def step_means(values: FloatArray, index: IntArray) -> tuple[FloatArray, FloatArray]:
     """Means (N, c) over the samples of each step that are not NaN, NaN where there are none, and their number (N,)."""
-    ok = np.isfinite(values).all(axis=1)
+    ok: BoolArray = np.asarray(np.isfinite(values).all(axis=1))
     total = np.vstack([np.zeros(values.shape[1]), np.cumsum(np.where(ok[:, None], values, 0.0), axis=0)])
     number = np.concatenate([[0], np.cumsum(ok)])
     start = np.concatenate([[0], index[:-1] + 1])
