@@ -97,13 +97,14 @@ def resolve(method: str) -> Diagnoser:
 def by_diagnosis(log: Path, twin: Path, without: tuple[str, ...]) -> dict[str, Any]:
     """The project's own diagnosis. The RMSE of estimators, which no score needs, is left out where it can be."""
     from pipeline import diagnosing  # type: ignore[attr-defined, unused-ignore]
+    from twin.effects import names
 
     accepted = inspect.signature(diagnosing.diagnose_log).parameters
     options: dict[str, Any] = {"shrink": False} if "shrink" in accepted else {}
-    if without and "without" not in accepted:
+    if without and "library" not in accepted:
         raise DataError("this version cannot leave an effect out of its library", file=log)
     if without:
-        options["without"] = without
+        options["library"] = tuple(name for name in names() if name not in without)
     document: dict[str, Any] = diagnosing.report_document(diagnosing.diagnose_log(log, str(twin), **options))
     return document
 
