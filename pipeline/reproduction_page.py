@@ -13,7 +13,7 @@ from schemas.experiment import Figure, Part, Values
 from stages.publish.document import table
 
 OURS = ("smoother", "spline")
-DIGITS = 3
+ERRORS = ("RMS", "error", "mean error", "flexure")  # what quantities that are errors begin with
 HEAD = """# Published experiments, run again
 
 Made by `deckflex reproduce all`, from measured figures alone; run it again to make it anew. The same version, seeds
@@ -83,9 +83,7 @@ def _listed(figures: Sequence[Figure]) -> str:
         "case": [f.case for f in figures],
         "method": [f"`{f.method}`" for f in figures],
         "quantity": [f"{f.quantity} [{f.unit}]" for f in figures],
-        "measured": [
-            f"{shown(f.mean, DIGITS)} ± {shown(f.spread)}" if f.n > 1 else shown(f.mean, DIGITS) for f in figures
-        ],
+        "measured": [measured(f) for f in figures],
         "n": [str(f.n) for f in figures],
         "published": [shown(f.printed.value, 5) if f.printed else "" for f in figures],
         "where": [f.printed.where if f.printed else "" for f in figures],
@@ -97,6 +95,12 @@ def _listed(figures: Sequence[Figure]) -> str:
     kept = {name: cells for name, cells in columns.items() if any(cells)}
     rows = [list(cells) for cells in zip(*kept.values())]
     return "\n\n".join([table(list(kept), rows), *_notes(figures)])
+
+
+def measured(figure: Figure) -> str:
+    """Mean and spread: three digits of an error, five of what was found."""
+    mean = shown(figure.mean, 3 if figure.quantity.startswith(ERRORS) else 5)
+    return f"{mean} ± {shown(figure.spread)}" if figure.n > 1 else mean
 
 
 def _ours(figures: Sequence[Figure]) -> dict[tuple[str, str], Values]:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.experiments.bench import AXES, RMSE, Bench, changed, rmse_row, run
+from pipeline.experiments.claims import shown
 from schemas.experiment import Check, Curve, Experiment, Figures, Measured, Panel, Part, Row
 from schemas.trial import ImuSeries, Trial, Truth
 
@@ -112,7 +113,7 @@ def _ours(figures: Figures) -> tuple[bool, str]:
 
 
 def _said(values: np.ndarray) -> str:
-    return " ".join(f"{v:.2g}" if v < 100 else f"{v:.0f}" for v in values)
+    return shown(tuple(float(v) for v in values))
 
 
 EXPERIMENT = Experiment(
