@@ -85,7 +85,7 @@ class Found:
 
 
 def examine(residual: FullRateResidual, twin: Twin) -> tuple[tuple[Candidate, ...], Found]:
-    """Candidates for ``slamming`` and ``outliers``, and the events; DataError where there are too many gaps."""
+    """Candidates for ``slamming`` and ``outliers``, and the events."""
     noise = _whiteners(residual, twin)
     in_s = tuple(_mixed(noise, residual.R_m_s[:, axis] ** 2) for axis in range(3))
     found, left = Found(), residual
@@ -157,7 +157,7 @@ def _whiteners(residual: FullRateResidual, twin: Twin) -> tuple[Whitener, ...]:
     """Noise about the axes of m: the twin's, its nuisances fitted within their tolerance, which no event can leave."""
     data = spectra(residual)
     model = Model.of(twin, data.grid)
-    x = fit_model(data, model, model.believed).x
+    x = model.believed if data.poor else fit_model(data, model, model.believed).x
     frequency = data.grid.frequency
     return tuple(Whitener(frequency, model.spectrum(x, axis, [0.5])[0], residual.interval) for axis in range(3))
 

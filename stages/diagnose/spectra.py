@@ -10,7 +10,7 @@ out before (:mod:`stages.diagnose.events`): one wild sample is enough to bend a 
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -24,7 +24,7 @@ from stages.diagnose.spectral_coupling import NAMES, Coupling, coupling
 from stages.diagnose.spectral_data import Spectra, spectra
 from stages.diagnose.spectral_fit import Fit, fit_model, held_out, log_likelihood, log_likelihood_by_bin
 from stages.diagnose.spectral_lines import Line
-from stages.diagnose.spectral_model import NOISE, NUISANCES, RELEASES, TOLERANCE, Model, Slot
+from stages.diagnose.spectral_model import NOISE, NUISANCES, RELEASES, TOLERANCE, Model, Slot, variants
 from stages.diagnose.spectral_residual import FullRateResidual, residual
 from twin import effects
 from twin.config import Twin
@@ -35,6 +35,7 @@ __all__ = ["EFFECTS", "FullRateResidual", "JointFit", "examine", "fit", "picture
 DENSITIES = ("second_mode", "nonstationary_sea", "gyro_bandwidth", "gyro_random_walk", "flexure_parameters")
 EFFECTS = (*DENSITIES, "axis_coupling", "narrowband_vibration")
 NOISES = ("gyro_quantization",)  # found elsewhere, but their noise stands in the spectra
+POOR = "too many gaps for a spectrum"
 DULL_NATS = 3.0  # in favour of a low-pass, from which on other effects are judged with one free
 LAG_SIGMAS, LAG_SHARE = 4.0, 0.3  # by which the lag of the gyros may miss that of the low-pass
 GRID = {1: (16,), 2: (8, 8), 3: (3, 24, 5)}  # starts of a fit, by number of parameters
@@ -56,23 +57,27 @@ class JointFit:
 
 @dataclass(frozen=True)
 class _Trial:
-    """A model fitted to both halves and to all."""
+    """A model fitted to both halves and to all. spread: of the last parameter, natural log, by how a low-pass is
+    made."""
 
     halves: tuple[Fit, Fit]
     whole: Fit
     score: float
+    spread: float = 0.0
 
 
 def examine(residual: FullRateResidual, twin: Twin, named: Collection[str] = ()) -> tuple[Candidate, ...]:
     """A candidate for every effect of EFFECTS that is not named yet, the strongest first.
 
-    named: effects found so far; those that act on spectra are in the model with free parameters. DataError where the
-    record has too many gaps.
+    named: effects found so far; those that act on spectra are in the model with free parameters. Where gaps leave no
+    spectrum nothing can be named, and the reason says so.
     """
     found = spectral_lines.lines(residual, FLOOR_NATS)
     for line in found:
         residual = spectral_lines.without(residual, line)
     data = spectra(residual)
+    if data.poor:
+        return tuple(Candidate(_nothing(name), reason=POOR) for name in EFFECTS if name not in named)
     base = _named(data, Model.of(twin, data.grid), named)
     dull = _try(data, base, "gyro_bandwidth") if "gyro_bandwidth" not in named else base
     dulled = dull if dull.whole.log_likelihood - base.whole.log_likelihood > DULL_NATS else None
@@ -145,9 +150,14 @@ def _named(data: Spectra, model: Model, names: Collection[str]) -> _Trial:
 
 def _try(data: Spectra, base: _Trial, name: str) -> _Trial:
     """The best of the variants (axes) of an effect added to a model, by the data they were fitted to."""
-    variants = AXES if "axis" in effects.get(name).model_fields else ("",)
-    trials = [_fitted(data, base.whole.model.plus(name, axis), base.whole.x) for axis in variants]
-    return max(trials, key=lambda trial: trial.whole.log_likelihood)
+    first, *others = variants(name)
+    trials = [_fitted(data, base.whole.model.plus(name, first), base.whole.x)]
+    forms = name == "gyro_bandwidth"
+    if not forms or trials[0].whole.log_likelihood - base.whole.log_likelihood > DULL_NATS:
+        trials += [_fitted(data, base.whole.model.plus(name, one), base.whole.x) for one in others]
+    best = max(trials, key=lambda trial: trial.whole.log_likelihood)
+    made = abs(float(trials[0].whole.x[-1] - trials[1].whole.x[-1])) if forms and len(trials) > 1 else 0.0
+    return replace(best, spread=made)
 
 
 def _searched(data: Spectra, model: Model, start: FloatArray) -> FloatArray:
@@ -203,18 +213,19 @@ def _with_lag(candidate: Candidate, residual: FullRateResidual) -> Candidate:
 
 
 def _finding(data: Spectra, name: str, slot: Slot, base: _Trial, trial: _Trial, evidence: float) -> Finding:
-    parameters = _released(name, trial.whole) if name in RELEASES else _slot_parameters(slot, trial.whole)
+    parameters = _released(name, trial.whole) if name in RELEASES else _slot_parameters(slot, trial)
     return Finding(name, parameters, float(evidence), places=_places(data, base.whole, trial.whole),
                    advice=effects.get(name).advice)  # fmt: skip
 
 
-def _slot_parameters(slot: Slot, fitted: Fit) -> Parameters:
-    first = NUISANCES
+def _slot_parameters(slot: Slot, trial: _Trial) -> Parameters:
+    """Values and standard deviations; of a low-pass with what the ways to make one differ by."""
+    first, fitted = NUISANCES, trial.whole
     for other in fitted.model.slots:
         if other == slot:
             break
         first += len(other.parameters)
-    x, std = fitted.x[first:], fitted.std()[first:]
+    x, std = fitted.x[first:], np.hypot(fitted.std()[first:], trial.spread if slot.name == "gyro_bandwidth" else 0.0)
     units = {item.name: item.unit for item in slot.effect.parameters()}
     out = {
         name: ParameterEstimate(float(np.exp(value)), float(np.exp(value) * spread), units[name])

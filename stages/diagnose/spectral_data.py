@@ -17,10 +17,9 @@ from scipy import fft
 from scipy.signal.windows import hann
 
 from physics.units import ARCMIN
-from schemas.errors import DataError
 from schemas.products import BoolArray
 from schemas.rig import FloatArray
-from stages.diagnose.spectral_residual import FullRateResidual
+from stages.diagnose.spectral_residual import FullRateResidual, straight
 
 ComplexArray = NDArray[np.complex128]
 Density = TypeVar("Density", FloatArray, ComplexArray)
@@ -31,12 +30,14 @@ SEGMENTS = 6  # segments end to end that a record shall hold before they grow
 LINEAR_HZ = 2.5  # up to here every ordinate is kept; above, they are pooled
 BINS_PER_OCTAVE = 24
 FIRST = 2  # ordinate below which the mean of the segment and the slow drift of the gyros lie
+SHORTEST_S, FEWEST = 8.0, 6  # s to which segments shrink among gaps, until there are so many
 LONGEST_HOLE_S = 0.5  # s bridged within a segment
 BRIDGED_SHARE = 0.02  # of a segment, bridged at most
 UNDER_WAY = 0.2  # of its usual rate: below, the ship lies still, and so does her deck
 STILL_S = 20.0  # s over which that is judged
 LEFT_ANGLE = 0.3 * ARCMIN  # rad, by which the angle between the units may be off for a while
 LEFT_SHARE = 0.1  # of the spectrum: where that angle lets through more of the ship's rate, a bin does not count
+SOUND = 0.46  # of the sample rate: beyond, an interpolated unit's noise is dulled
 GROUPS = 8  # of segments in time, for what changes over the record
 # |W|^2 of a Hann window, half an ordinate apart: what an expected spectrum is smoothed by
 KERNEL = np.array([0.0288, 0.25, 0.7205, 1.0, 0.7205, 0.25, 0.0288])
@@ -79,18 +80,20 @@ class Grid:
 @dataclass(frozen=True)
 class Spectra:
     """power: (2, g, k, 3, 3) mean spectral matrices (white noise of variance v has v) of the halves, odd and even, and
-    of the groups in time; count: (2, g, k) ordinates in them; share: (2, g) mean place of the group, 0..1."""
+    of the groups in time; count: (2, g, k) ordinates in them; share: (2, g) mean place of the group, 0..1. poor: gaps
+    everywhere, so that it says nothing."""
 
     grid: Grid
     power: ComplexArray
     count: FloatArray
     share: FloatArray
     duration: float
+    poor: bool = False
 
     def half(self, which: int) -> Spectra:
         """One half alone."""
         part = slice(which, which + 1)
-        return Spectra(self.grid, self.power[part], self.count[part], self.share[part], self.duration)
+        return Spectra(self.grid, self.power[part], self.count[part], self.share[part], self.duration, self.poor)
 
     def pooled(self) -> Spectra:
         """Halves and places in time all together."""
@@ -100,17 +103,17 @@ class Spectra:
         weight = self.count / np.maximum(count, 1e-300)
         power = (self.power * weight[..., None, None]).sum(axis=(0, 1), keepdims=True)
         share = np.sum(weight.mean(axis=2) * self.share, keepdims=True)
-        return Spectra(self.grid, power, count, share, self.duration)
+        return Spectra(self.grid, power, count, share, self.duration, self.poor)
 
 
 def spectra(residual: FullRateResidual) -> Spectra:
-    """Spectral matrices of a residual; DataError where no segment is whole enough."""
-    n = _length(residual)
-    starts = _whole(residual.good & _under_way(residual), n, residual.interval)
-    if len(starts) < 2:
-        raise DataError("too many gaps for a spectrum: no two segments of the record are whole")
+    """Spectral matrices of a residual, of shorter segments where gaps leave no long ones."""
+    n, starts = _segments(residual)
+    poor = len(starts) < 2
+    if poor:
+        starts = [0, len(residual.t) - n]
     grid, edges = _grid(n, residual.interval)
-    rate = _bridged(residual)
+    rate = straight(residual.rate, residual.good)
     groups = min(GROUPS, len(starts) // 2)
     power = np.zeros((2, groups, len(grid.omega), 3, 3), dtype=complex)
     number, place = np.zeros((2, groups)), np.zeros((2, groups))
@@ -123,9 +126,10 @@ def spectra(residual: FullRateResidual) -> Spectra:
         place[slot] += (start + 0.5 * n) / len(rate)
     weight = np.maximum(number, 1.0)
     width = np.concatenate([np.ones(len(grid.keep)), np.diff(edges[len(grid.keep) :])])
+    width = np.where(grid.omega < 2.0 * np.pi * (SOUND if residual.interpolated else 0.5), width, 0.0)
     count = number[:, :, None] * width * _clear(motion / len(starts), power.sum(axis=(0, 1)) / len(starts))
     mean = np.asarray(power / weight[:, :, None, None, None], dtype=complex)
-    return Spectra(grid, mean, count, place / weight, residual.duration)
+    return Spectra(grid, mean, count, place / weight, residual.duration, poor)
 
 
 def _under_way(residual: FullRateResidual) -> BoolArray:
@@ -149,30 +153,31 @@ def _length(residual: FullRateResidual) -> int:
     return 2 * int(0.5 * min(seconds, 0.5 * residual.duration) / residual.interval)
 
 
+def _segments(residual: FullRateResidual) -> tuple[int, list[int]]:
+    """Samples of a segment, and the first ones of those that are whole."""
+    n, shortest = _length(residual), int(SHORTEST_S / residual.interval)
+    good = residual.good & _under_way(residual)
+    starts = _whole(good, n, residual.interval)
+    while len(starts) < FEWEST and n >= 2 * shortest:
+        n = 2 * (n // 4)
+        starts = _whole(good, n, residual.interval)
+    return n, starts
+
+
 def _whole(good: BoolArray, n: int, interval: float) -> list[int]:
-    """First samples of the segments that are whole enough."""
+    """First samples of the segments that are whole enough, half a segment apart at least."""
     bad = np.concatenate([[0], np.cumsum(~good)])
     run = int(LONGEST_HOLE_S / interval) + 1
-    long_hole = np.concatenate([[0], np.cumsum((bad[run:] - bad[:-run]) == run)]) if len(good) >= run else bad * 0
+    holes = np.concatenate([[0], np.cumsum((bad[run:] - bad[:-run]) == run)])
     inner = np.flatnonzero(good)
-    if not len(inner):
+    if len(inner) < n:
         return []
-    first, last = int(inner[0]), int(inner[-1]) + 1
-    starts = range(first, last - n + 1, n // 2)
-    return [
-        k
-        for k in starts
-        if bad[k + n] - bad[k] <= BRIDGED_SHARE * n and long_hole[min(k + n - run, len(long_hole) - 1)] == long_hole[k]
-    ]
-
-
-def _bridged(residual: FullRateResidual) -> FloatArray:
-    """The residual, straight across what was not measured."""
-    good = residual.good
-    if good.all():
-        return residual.rate
-    at, known = np.arange(len(good)), np.flatnonzero(good)
-    return np.stack([np.interp(at, known, residual.rate[known, axis]) for axis in range(3)], axis=1)
+    k, last, out = int(inner[0]), int(inner[-1]) + 1, []
+    while k + n <= last:
+        whole = bad[k + n] - bad[k] <= BRIDGED_SHARE * n and holes[k + n - run] == holes[k]
+        out += [k] if whole else []
+        k += n // 2 if whole else max(n // 16, 1)
+    return out
 
 
 def _grid(n: int, interval: float) -> tuple[Grid, NDArray[np.int64]]:

@@ -24,11 +24,12 @@ from twin import effects
 from twin.config import Twin
 from twin.effects import Effect
 from twin.effects._parameters import AXES
+from twin.effects.gyro_bandwidth import GyroBandwidth
 
 NUISANCES = 10
 FLEXURE, NOISE = slice(0, 9), 9
 DAMPING, STIFFNESS, STD = slice(0, 3), slice(3, 6), slice(6, 9)
-TOLERANCE = np.log([1.4] * 3 + [1.55] * 3 + [1.2] * 3 + [1.1])  # of mu, b^2, sigma, sub-IMU's ARW; factors either way
+TOLERANCE = np.log([1.4] * 3 + [1.55] * 3 + [1.2] * 3 + [1.08])  # of mu, b^2, sigma, sub-IMU's ARW; factors either way
 RELEASED = 4.0  # natural log, either way, of a nuisance that an effect releases
 WIDE = 1.5  # natural-log standard deviation of the weak prior on a released nuisance
 RELEASES = {"flexure_parameters": FLEXURE, "gyro_random_walk": slice(NOISE, NOISE + 1)}
@@ -38,10 +39,16 @@ BEYOND = 2.0  # factor by which a fit may leave the prior range of an effect's p
 
 @dataclass(frozen=True)
 class Slot:
-    """An effect that acts by its densities, with free parameters; axis where it has one."""
+    """An effect that acts by its densities, with free parameters. variant: its axis where it has one, the form of a
+    low-pass."""
 
     name: str
-    axis: str = ""
+    variant: str = ""
+
+    @property
+    def axis(self) -> str:
+        """x, y or z, or empty."""
+        return self.variant if self.variant in AXES else ""
 
     @cached_property
     def effect(self) -> type[Effect]:
@@ -67,9 +74,18 @@ class Slot:
     def at(self, x: FloatArray) -> Effect:
         """The effect with parameters exp(x)."""
         values = {name: float(np.exp(value)) for name, value in zip(self.parameters, x)}
+        if self.variant in LOW_PASSES:
+            return LOW_PASSES[self.variant].model_construct(**values)  # type: ignore[arg-type]
         if self.axis:
             values["axis"] = self.axis  # type: ignore[assignment]
         return self.effect.model_construct(**values)  # type: ignore[arg-type]
+
+
+def variants(name: str) -> tuple[str, ...]:
+    """What an effect is tried as: about each axis, as each form of low-pass, or as it is."""
+    if name == "gyro_bandwidth":
+        return ("", *LOW_PASSES)
+    return AXES if "axis" in effects.get(name).model_fields else ("",)
 
 
 @dataclass(frozen=True)
@@ -91,11 +107,11 @@ class Model:
             twin = effect.twin(twin)
         return cls(twin, own, grid)
 
-    def plus(self, name: str, axis: str = "") -> Model:
+    def plus(self, name: str, variant: str = "") -> Model:
         """With another effect."""
         if name in RELEASES:
             return replace(self, released=self.released | {name})
-        return replace(self, slots=(*self.slots, Slot(name, axis)))
+        return replace(self, slots=(*self.slots, Slot(name, variant)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -177,6 +193,33 @@ class Model:
         """Spectra as this model needs them: pooled over time unless it moves."""
         return spectra if self.moves else spectra.pooled()
 
+
+class _BeforeSampling(GyroBandwidth):
+    """The low-pass acts on the rate itself, before it is averaged over samples and folded: what the effect of that
+    name takes as folded first. Far above the flexure's own frequency theta falls as f^-4, which tells the aliases."""
+
+    def flexure_density(
+        self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float
+    ) -> FloatArray:
+        """Multiplied by the mean of |H|^2 over the aliases."""
+        folded = np.maximum(omega, 1e-6)[:, None] + 2.0 * np.pi * np.arange(-3, 4)
+        passed = 1.0 / (1.0 + (folded / (2.0 * np.pi * interval * self.cutoff)) ** 2)
+        weight = folded**-4
+        return np.asarray(density * (passed * weight).sum(axis=1) / weight.sum(axis=1))
+
+
+class _Recursive(GyroBandwidth):
+    """The low-pass is computed from sample to sample, y_k = a y_{k-1} + (1 - a) x_k, a = exp(-2 pi cutoff T)."""
+
+    def flexure_density(
+        self, axis: int, omega: FloatArray, interval: float, density: FloatArray, share: float
+    ) -> FloatArray:
+        """Multiplied by |H|^2 of the recursion."""
+        a = np.exp(-2.0 * np.pi * self.cutoff * interval)
+        return np.asarray(density * (1.0 - a) ** 2 / (1.0 - 2.0 * a * np.cos(omega) + a * a))
+
+
+LOW_PASSES: dict[str, type[GyroBandwidth]] = {"before sampling": _BeforeSampling, "recursive": _Recursive}
 
 # The sea's flexure is scaled before a mode is added to it, and low-passed after.
 _ORDER = {"nonstationary_sea": 0, "second_mode": 1, "slamming": 1, "gyro_bandwidth": 2}

@@ -43,7 +43,8 @@ class FullRateResidual:
 
     t: (n,) s since the epoch, even. interval: s. rate: (n, 3) rad/s, theta' + noise, m-axes. good: (n,) measured by
     both. omega: (n, 3) rad/s of the main IMU, m-axes. theta: (n, 3) rad as taken out. R_m_s: (3, 3). lag, lag_std: s by
-    which the sub's gyros trail what the alignment says.
+    which the sub's gyros trail the main ones beyond the delay of the twin. interpolated: the main IMU was, so that its
+    noise is dulled next to half the sample rate.
     """
 
     t: FloatArray
@@ -55,6 +56,7 @@ class FullRateResidual:
     R_m_s: FloatArray
     lag: float
     lag_std: float
+    interpolated: bool = False
 
     @property
     def duration(self) -> float:
@@ -65,7 +67,7 @@ class FullRateResidual:
 def residual(trial: Trial, alignment: Alignment, twin: Twin) -> FullRateResidual:
     """The residual of a trial; DataError where the units share less than SHORTEST_S."""
     sub, main = _bridged(trial.sub, trial.epoch), _bridged(trial.main, trial.epoch)
-    first, omega, filled = _main_at(main, sub.t - float(alignment.time_delay.value))
+    first, omega, filled, between = _main_at(main, sub.t - float(alignment.time_delay.value))
     inside = slice(first, first + len(omega))
     t, interval = sub.t[inside], float(np.median(np.diff(sub.t)))
     if len(t) * interval < SHORTEST_S:
@@ -73,9 +75,17 @@ def residual(trial: Trial, alignment: Alignment, twin: Twin) -> FullRateResidual
     omega = _without_errors(omega, twin.imu.main)
     seen = _without_errors(sub.gyro[inside], twin.imu.sub) @ alignment.rotation.T
     good = _grown(~(sub.filled[inside] | filled), interval)
-    rate, theta, lag, lag_std = _cleaned(seen - omega, omega, interval, twin)
+    rate, theta, lag, lag_std = _cleaned(straight(seen - omega, good), omega, interval, twin)
     lag += float(alignment.time_delay.value) - twin.mount.time_delay
-    return FullRateResidual(t, interval, rate, good, omega, theta, alignment.rotation, lag, lag_std)
+    return FullRateResidual(t, interval, rate, good, omega, theta, alignment.rotation, lag, lag_std, between)
+
+
+def straight(rate: FloatArray, good: BoolArray) -> FloatArray:
+    """(n, 3) with straight lines across what was not measured: of the difference of the units, not of their motion."""
+    if good.all() or not good.any():
+        return rate
+    at, known = np.arange(len(good)), np.flatnonzero(good)
+    return np.stack([np.interp(at, known, column) for column in rate[known].T], axis=1)
 
 
 def _bridged(series: ImuSeries, epoch: int) -> matching.Unit:
@@ -100,18 +110,20 @@ def _grown(good: BoolArray, interval: float) -> BoolArray:
     return ~bad
 
 
-def _main_at(main: matching.Unit, at: FloatArray) -> tuple[int, FloatArray, BoolArray]:
-    """Rates of the main IMU for the intervals that end at instants (k,): first one covered, rates, bridged or not."""
+def _main_at(main: matching.Unit, at: FloatArray) -> tuple[int, FloatArray, BoolArray, bool]:
+    """Rates of the main IMU for the intervals that end at instants (k,): first one covered, rates, bridged or not, and
+    whether they lie between its samples."""
     step = float(np.median(np.diff(main.t)))
     place = np.interp(at, main.t, np.arange(len(main.t)), left=-1.0, right=-1.0)
     place = np.where(np.diff(at, prepend=at[0] - step) > 0, place, -1.0)
     whole = np.flatnonzero((place >= 0.0) & (at <= main.t[-1]))
     if not len(whole):
-        return 0, np.zeros((0, 3)), np.zeros(0, bool)
+        return 0, np.zeros((0, 3)), np.zeros(0, bool), False
     place = place[whole[0] : whole[-1] + 1]
     index, share = np.rint(place).astype(np.int64), place - np.rint(place)
-    values = main.gyro[index] if np.abs(share).max() < ON_GRID else _between(main.gyro, place)
-    return int(whole[0]), values, main.filled[index]
+    between = bool(np.abs(share).max() >= ON_GRID)
+    values = _between(main.gyro, place) if between else main.gyro[index]
+    return int(whole[0]), values, main.filled[index], between
 
 
 def _between(values: FloatArray, place: FloatArray) -> FloatArray:
