@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -95,18 +94,10 @@ def resolve(method: str) -> Diagnoser:
 
 
 def by_diagnosis(log: Path, twin: Path, without: tuple[str, ...]) -> dict[str, Any]:
-    """The project's own diagnosis. The RMSE of estimators, which no score needs, is left out where it can be."""
-    from pipeline import diagnosing  # type: ignore[attr-defined, unused-ignore]
-    from twin.effects import names
+    """The project's own diagnosis, without the RMSE of estimators, which no score needs."""
+    from pipeline.diagnosing import diagnose_log, report_document
 
-    accepted = inspect.signature(diagnosing.diagnose_log).parameters
-    options: dict[str, Any] = {"shrink": False} if "shrink" in accepted else {}
-    if without and "library" not in accepted:
-        raise DataError("this version cannot leave an effect out of its library", file=log)
-    if without:
-        options["library"] = tuple(name for name in names() if name not in without)
-    document: dict[str, Any] = diagnosing.report_document(diagnosing.diagnose_log(log, str(twin), **options))
-    return document
+    return report_document(diagnose_log(log, str(twin), shrink=False, without=without))
 
 
 def _task(sealed: Sealed, entry: SealedLog, method: str, diagnoser: str | None, without: tuple[str, ...]) -> Task:
