@@ -80,7 +80,8 @@ def error_table(diagnosis: Diagnosis) -> Table | None:
     rows = words.error_rows(diagnosis)
     if not rows:
         return None
-    table = plain_table("RMSE of the estimate on", *(f"{axis} [′]" for axis in AXES))
+    title = f"RMSE of the estimate{words.against(diagnosis)}"
+    table = plain_table("RMSE on", *(f"{axis} [′]" for axis in AXES), title=title)
     for name, values in rows:
         table.add_row(name, *(f"{value:.3f}" for value in values))
     return table

@@ -12,6 +12,7 @@ from pipeline.one_log import AXES, LogRun
 from pipeline.tables import plain_table
 from schemas.products import DeckShape, Estimate, FlexureModel, Score, Status
 from stages.publish.best import static_angle, time_delay
+from stages.publish.verdict import verdict
 
 CURVES = ("vertical (x)", "torsion (y)", "horizontal (z)")
 
@@ -24,6 +25,7 @@ def run_report(run: LogRun, written: Mapping[str, str]) -> list[object]:
         angle_table(run),
         "",
         f"time delay  {delay_line(time_delay(deformation))}",
+        f"verdict     {verdict_line(run)}",
     ]
     parts += [f"used        {', '.join(deformation.used) or 'not stated'}"]
     parts += [f"compensated {note}" for note in run.compensated]
@@ -33,6 +35,12 @@ def run_report(run: LogRun, written: Mapping[str, str]) -> list[object]:
     parts += [*warning_lines(run.result.warnings), ""]
     parts += [f"wrote       {kind}: {path}" for kind, path in written.items()]
     return [*parts, f"took        {speed_line(run)}"]
+
+
+def verdict_line(run: LogRun) -> str:
+    """Whether to rely on the answer, and what speaks against it."""
+    judged = verdict(run.result, run.decoded.trial)
+    return " ".join([judged.headline, "; ".join(judged.reasons)]).strip()
 
 
 def heading(run: LogRun) -> str:

@@ -10,6 +10,10 @@ import numpy as np
 from schemas.rig import FloatArray
 
 WANTED_TICKS = 6
+CALENDAR = (("m", 1), ("m", 5), ("m", 15), ("h", 1), ("h", 2), ("h", 6), ("h", 12), ("D", 1), ("D", 2), ("W", 1),
+            ("M", 1), ("M", 3), ("M", 6), ("Y", 1), ("Y", 2), ("Y", 5), ("Y", 10))  # fmt: skip
+SECONDS = {"m": 60.0, "h": 3600.0, "D": 86400.0, "W": 7 * 86400.0, "M": 28 * 86400.0, "Y": 365 * 86400.0}
+MOST_TICKS = 8
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,31 @@ class Axis:
         return f"{0.0 if abs(shown) < 1e-12 else shown:.6g}"
 
 
+@dataclass(frozen=True)
+class DateAxis(Axis):
+    """An axis of dates, limits in ns UTC: ticks stand at the starts of years, months, days or hours."""
+
+    def ticks(self) -> list[float]:
+        """Starts of whole calendar steps, the finest of which there are not too many."""
+        low, high = (np.datetime64(int(end), "ns") for end in (self.low, self.high))
+        for unit, step in CALENDAR:
+            if (self.high - self.low) * 1e-9 > 2 * MOST_TICKS * step * SECONDS[unit]:
+                continue
+            starts = np.arange(low.astype(f"datetime64[{unit}]"), high.astype(f"datetime64[{unit}]") + 1)
+            starts = starts[starts.astype(int) % step == 0].astype("datetime64[ns]")
+            inside = starts[(starts >= low) & (starts <= high)]
+            if len(inside) <= MOST_TICKS:
+                return [float(value) for value in inside.astype(np.int64)]
+        return [self.low, self.high]
+
+    def text(self, tick: float) -> str:
+        """Date, and the hour where days are too coarse."""
+        when = np.datetime64(int(tick), "ns")
+        if self.high - self.low < 3 * 86400e9:
+            return str(when.astype("datetime64[m]")).replace("T", " ")
+        return str(when.astype("datetime64[D]"))
+
+
 def round_step(raw: float) -> float:
     """The round number 1, 2 or 5 times a power of ten next above raw."""
     if not np.isfinite(raw) or raw <= 0:
@@ -73,6 +102,12 @@ def decades_of(values: Sequence[FloatArray], most: float = 9.0) -> tuple[float, 
     low = float(10.0 ** np.floor(np.log10(good.min()) + 1e-9))
     high = high if high > low else 10.0 * low
     return max(low, high * 10.0**-most), high
+
+
+def date_axis(start: int, end: int) -> DateAxis:
+    """Dates from start to end, ns UTC, with room at both ends."""
+    room = max(0.02 * (end - start), 60e9)
+    return DateAxis(start - room, end + room, "date (UTC)")
 
 
 def time_axis(start: float, end: float) -> Axis:

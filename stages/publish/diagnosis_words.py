@@ -151,10 +151,14 @@ def error_rows(diagnosis: Diagnosis) -> list[tuple[str, np.ndarray]]:
     e = diagnosis.rmse
     if e is None:
         return []
-    against = f" against {e.reference}" if e.reference else ""
     return [
-        (f"log{against}", e.log),
+        ("log", e.log),
         ("twin", e.twin),
         ("twin with the effects", e.twin_with_effects),
-        (f"log, compensated{against}", e.log_compensated),
+        ("log, compensated", e.log_compensated),
     ]
+
+
+def against(diagnosis: Diagnosis) -> str:
+    """What the four RMSE are taken against, with the word before it; empty where that is not stated."""
+    return f" against {diagnosis.rmse.reference}" if diagnosis.rmse and diagnosis.rmse.reference else ""

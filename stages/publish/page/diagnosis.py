@@ -95,7 +95,7 @@ def _errors(d: Diagnosis) -> Html:
     about = "With the right cause the twin with the effects errs as the log does, and the compensated log as the twin."
     return join([
         paragraph(about, class_="note"),
-        table(["RMSE on", "x [′]", "y [′]", "z [′]"], figures),
+        table(["RMSE on", "x [′]", "y [′]", "z [′]"], figures, f"RMSE of the estimate{words.against(d)}"),
         bars(Bars("RMSE of the estimate", "RMSE [arcmin]", drawn)),
     ])  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -47,13 +47,24 @@ class Band:
 
 
 @dataclass(frozen=True)
+class Points:
+    """Values y with their standard deviation std (n,) at x, as dots with whiskers of one sigma."""
+
+    x: FloatArray
+    y: FloatArray
+    std: FloatArray
+    colour: str
+    name: str = ""
+
+
+@dataclass(frozen=True)
 class Plot:
     """Everything in one frame. zones: (x0, x1) stretches marked in red. alt: the figure in words."""
 
     title: str
     x: Axis
     y: Axis
-    parts: Sequence[Line | Band]
+    parts: Sequence[Line | Band | Points]
     zones: Sequence[tuple[float, float]] = field(default_factory=tuple)
     height: float = 210.0
     width: float = WIDTH
@@ -62,6 +73,8 @@ class Plot:
 
 def plot(one: Plot) -> Html:
     """The figure with its legend, ready for the page."""
+    seen = [zone for zone in one.zones if zone[1] > one.x.low and zone[0] < one.x.high]
+    one = replace(one, zones=seen)
     inner = tag("svg", _zones(one), *(_part(one, part) for part in one.parts), **_inner_frame(one))
     return tag("figure", _legend(one), drawing(one.title, one.width, one.height, _grid(one), inner, _frame(one)))
 
@@ -124,8 +137,19 @@ def _xy(one: Plot, x: FloatArray, y: FloatArray) -> FloatArray:
     return np.stack([np.clip(u, -w, 2 * w), np.clip(v, -h, 2 * h)], axis=1)
 
 
-def _part(one: Plot, part: Line | Band) -> Html:
+def _part(one: Plot, part: Line | Band | Points) -> Html:
+    if isinstance(part, Points):
+        return _points(one, part)
     return _line(one, part) if isinstance(part, Line) else _band(one, part)
+
+
+def _points(one: Plot, points: Points) -> Html:
+    good = np.isfinite(points.x) & np.isfinite(points.y)
+    x, y, std = points.x[good], points.y[good], points.std[good]
+    places, low, high = _xy(one, x, y), _xy(one, x, y - std), _xy(one, x, y + std)
+    whiskers = "".join(f"M{u:.1f} {a:.1f}V{b:.1f}" for (u, a), b in zip(low, high[:, 1]))
+    dots = [tag("circle", cx=f"{u:.1f}", cy=f"{v:.1f}", r=2.6, fill=points.colour) for u, v in places]
+    return join([tag("path", d=whiskers, stroke=points.colour, stroke_width=1, fill="none"), *dots])
 
 
 def _line(one: Plot, line: Line) -> Html:

@@ -49,9 +49,10 @@ svg .whisker { stroke: #1c2128; stroke-width: 1.1; fill: none; } svg .mark { str
 pre { padding: .7rem .9rem; background: #f4f6f8; font: .78rem/1.45 "DejaVu Sans Mono", Consolas, monospace;
   white-space: pre-wrap; overflow-wrap: anywhere; }
 footer { margin-top: 2.4rem; border-top: 1px solid #d6dbe1; color: #667080; font-size: .8rem; }
-@page { size: A4; margin: 15mm 14mm 16mm; }
+@page { size: A4; margin: 15mm 14mm 16mm;
+  @bottom-right { content: counter(page) " / " counter(pages); font: 8pt sans-serif; color: #667080; } }
 @media print {
   body { padding: 0; max-width: none; font-size: 10pt; } h1 { font-size: 17pt; } .table { overflow: visible; }
-  h2, h3, figcaption { break-after: avoid; } tr, .verdict, figure { break-inside: avoid; } a { color: inherit; }
+  h2, h3, figcaption { break-after: avoid; } tr, .table, .verdict, figure { break-inside: avoid; } a { color: inherit; }
 }
 """

@@ -7,11 +7,12 @@ import re
 import numpy as np
 import pytest
 
-from stages.publish.axis import Axis, decades_of, span_of, time_axis
+from stages.publish.axis import Axis, date_axis, decades_of, span_of, time_axis
+from stages.publish.page.archive import ArchiveReport, Listing, Trend, archive_page
 from stages.publish.page.charts import Bar, Bars, HeatMap, bars, colour, heat_map
 from stages.publish.page.figure import BUCKETS, Band, Line, Plot, envelope, extremes, plot
 from stages.publish.page.html import Html, section, table, tag, text
-from tests.stages.publish.page.reading import read
+from tests.stages.publish.page.reading import loads_from_elsewhere, read
 
 X, Y = Axis(0.0, 10.0, "time [s]"), Axis(-1.0, 1.0, "angle [arcmin]")
 
@@ -108,3 +109,40 @@ def test_limits_hold_what_they_are_made_from():
     assert decades_of([np.array([0.0, 0.02, 30.0])]) == (0.01, 100.0)
     assert decades_of([np.array([1e-30, 1.0])]) == pytest.approx((1e-9, 1.0), rel=1e-6)
     assert decades_of([np.array([1.0])]) == (1.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "first"),
+    [
+        ("2020-03-01", "2026-05-01", "2021-01-01"),
+        ("2026-01-10", "2026-06-20", "2026-02-01"),
+        ("2026-01-10", "2026-01-15", "2026-01-10"),
+        ("2026-01-10T00:00", "2026-01-10T09:00", "2026-01-10 00:00"),
+    ],
+)
+def test_dates_stand_at_whole_calendar_steps(start, end, first):
+    axis = date_axis(*(int(np.datetime64(text, "ns").astype(np.int64)) for text in (start, end)))
+    ticks = axis.ticks()
+    assert 2 <= len(ticks) <= 8
+    assert axis.text(ticks[0]) == first
+    assert (np.diff(ticks) > 0).all()
+
+
+def test_archive_page_shows_every_trend_and_every_voyage():
+    stamp = np.array(["2026-01-01", "2026-03-01", "2026-06-01"], "datetime64[ns]").astype(np.int64)
+    values = np.array([[1.0, 2.0], [1.5, np.nan], [9.0, 2.5]])
+    trends = (Trend("Static angle <x>", "[arcmin]", stamp, values, 0.1 * np.ones((3, 2)), ("x", "y")),
+              Trend("Nothing", "[1]", stamp, np.full((3, 1), np.nan), None, ("z",)))  # fmt: skip
+    rows = [[f"voyage {k}", k] for k in range(600)]
+    report = ArchiveReport("ship", "3 trials", "care", "The static angle drifts.", ("By 8′.",), trends,
+                           (Listing("Voyages", ("log", "n"), rows),), ("<b>odd</b>",), {"a": "b"})  # fmt: skip
+    html = archive_page(report, "now")
+    page = read(html)
+    assert page.count("circle") == 5
+    assert "Static angle <x>" in page.texts["figcaption"]
+    assert "Nothing" not in page.texts["body"]
+    assert "voyage 499" in page.texts["table"]
+    assert "and 100 more" in page.texts["body"]
+    assert "<b>odd</b>" in page.texts["li"]
+    assert loads_from_elsewhere(page) == []
+    assert not page.unbalanced

@@ -1,0 +1,189 @@
+"""Pictures of real recordings and pages into docs/gallery: ``python -m benchmarks.gallery``.
+
+Needs what draws without a screen: a Vulkan driver (Mesa's llvmpipe serves) for the Rerun viewer, Chromium for pages.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from schemas.wire import Table, read_log, write_log
+
+TARGET = Path(__file__).parents[1] / "docs" / "gallery"
+WINDOW = (1600, 1000)
+SHOWN_WIDTH = 1120
+COLOURS = 96
+PATIENCE = 90.0  # s for the viewer to open a recording
+SETTLE = 6.0  # s until its opening messages are gone
+LENGTH = "300"  # s of the simulated trial
+ESTIMATORS = ("smoother", "filter", "td-ma", "traditional")
+
+
+def main() -> None:
+    """Simulate, run, draw."""
+    TARGET.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        draw_all(Path(folder))
+    size = sum(path.stat().st_size for path in TARGET.glob("*.png"))
+    print(f"{len(list(TARGET.glob('*.png')))} pictures, {size / 1e6:.2f} MB in all")
+
+
+def draw_all(folder: Path) -> None:
+    log, bad = folder / "trial.mcap", folder / "bad.mcap"
+    deckflex("simulate", "sample", "-o", log, "--seed", "7", "--duration", LENGTH)
+    spoil(log, bad)
+    deckflex("run", log, "--rrd", folder / "run.rrd", "--report", folder / "run.html")
+    deckflex("run", bad, "--rrd", folder / "bad.rrd", "--report", folder / "bad.html")
+    chosen = [word for name in ESTIMATORS for word in ("--estimator", name)]
+    deckflex("compare", log, *chosen, "--rrd", folder / "compare.rrd", "--report", folder / "compare.html")
+    draw_tabs(folder / "run.rrd", "run")
+    draw_tabs(folder / "bad.rrd", "bad", ("Overview",))
+    draw_tabs(folder / "compare.rrd", "compare")
+    for name in ("run", "bad", "compare"):
+        draw_page(folder / f"{name}.html", f"page-{name}")
+    if diagnosed(folder, log):
+        draw_tabs(folder / "diagnosis.rrd", "diagnosis")
+        draw_page(folder / "diagnosis.html", "page-diagnosis")
+
+
+def deckflex(*words: object, check: bool = True) -> int:
+    """The command as installed."""
+    command = [sys.executable, "-c", "from pipeline.cli import main; main()", *map(str, words)]
+    return subprocess.run(command, check=check, stdout=subprocess.DEVNULL).returncode
+
+
+def diagnosed(folder: Path, log: Path) -> bool:
+    """The log held against a twin that knows nothing of its time delay."""
+    twin = folder / "believed.toml"
+    source = (Path(__file__).parents[1] / "twin" / "twins" / "sample.toml").read_text("utf-8")
+    twin.write_text(source.replace("time_delay = 0.004", "time_delay = 0.0"), encoding="utf-8")
+    outputs = ("--rrd", folder / "diagnosis.rrd", "--report", folder / "diagnosis.html")
+    return deckflex("diagnose", log, "--twin", twin, *outputs, check=False) == 0
+
+
+def spoil(source: Path, target: Path) -> None:
+    """The same trial with 40 s of the sub-IMU lost and its PHINS dead after two minutes."""
+    tables = dict(read_log(source).tables)
+    tables["/imu/sub"] = kept(tables["/imu/sub"], lambda t: (t < 150.0) | (t > 190.0))
+    tables["/phins/sub"] = kept(tables["/phins/sub"], lambda t: t < 120.0)
+    write_log(target, list(tables.values()))
+
+
+def kept(table: Table, wanted: Any) -> Table:
+    """Only the messages whose time since the first one is wanted."""
+    stamp = table.columns["header.stamp"]
+    keep = np.flatnonzero(wanted((stamp - stamp[0]) * 1e-9))
+    columns = {name: values[keep] for name, values in table.columns.items()}
+    return replace(table, columns=columns, log_time=table.log_time[keep], publish_time=table.publish_time[keep],
+                   sequence=table.sequence[keep])  # fmt: skip
+
+
+def draw_tabs(recording: Path, name: str, only: tuple[str, ...] = ()) -> None:
+    """Each tab of a recording as the viewer draws it."""
+    with viewer(recording) as client:
+        layout = client.get_blueprint(of="recording").blueprint
+        root_id = str(layout["/viewport"]["ViewportBlueprint"]["root_container"])
+        root = next(path for path in layout if path.startswith("/container/") and path.endswith(root_id.split("/")[-1]))
+        for tab in layout[root]["ContainerBlueprint"]["contents"]:
+            title = layout["/" + tab.strip("/")]["ContainerBlueprint"].get("display_name", "tab")
+            if only and title not in only:
+                continue
+            chosen = json.loads(json.dumps(layout))
+            chosen[root]["ContainerBlueprint"]["active_tab"] = tab
+            client.set_blueprint(chosen, of="recording")
+            save(steady(client), f"{name}-{title.lower().replace(' ', '-')}")
+
+
+@contextmanager
+def viewer(recording: Path) -> Iterator[Any]:
+    """The Rerun viewer without a window, on loopback, the recording open and paused."""
+    from rerun.experimental import ViewerClient
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [Path(sys.executable).with_name("rerun"), "--headless", "--bind", "127.0.0.1", "--port", str(port),
+               "--window-size", "x".join(map(str, WINDOW)), recording]  # fmt: skip
+    with tempfile.TemporaryDirectory() as home:
+        quiet = {"XDG_RUNTIME_DIR": home, "XDG_DATA_HOME": home, "XDG_CONFIG_HOME": home, "RUST_LOG": "error"}
+        shown = subprocess.Popen(
+            command, env={**os.environ, **quiet}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        try:
+            client = opened(ViewerClient, f"rerun+http://127.0.0.1:{port}/proxy")
+            client.set_time(None, play_state="paused")
+            time.sleep(SETTLE)
+            yield client
+        finally:
+            shown.terminate()
+            shown.wait(10)
+
+
+def opened(kind: Any, address: str) -> Any:
+    """The viewer once it has the recording."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        try:
+            client = kind.connect(address)
+            state = client.get_state()
+            if state.active_recording and state.views and not state.loading:
+                return client
+        except Exception:  # whatever it says while it starts
+            pass
+        time.sleep(0.3)
+    raise SystemExit("the viewer did not open the recording; is there a Vulkan driver?")
+
+
+def steady(client: Any) -> Image.Image:
+    """A picture that no longer changes: the viewer loads as it draws."""
+    last, end = "", time.monotonic() + 30.0
+    while True:
+        time.sleep(0.8)
+        picture = Image.open(io.BytesIO(client.take_screenshot(max_size=WINDOW[0]))).convert("RGB")
+        now = hashlib.sha256(picture.tobytes()).hexdigest()
+        if now == last or time.monotonic() > end:
+            return picture.crop((0, round(0.036 * picture.height), picture.width, picture.height))
+        last = now
+
+
+def draw_page(page: Path, name: str) -> None:
+    """The top of a page as a browser shows it."""
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if browser is None:
+        print("no Chromium: pages are not drawn")
+        return
+    with tempfile.TemporaryDirectory() as home:
+        shot = Path(home) / "page.png"
+        options = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1000,1500"]
+        command = [browser, *options, f"--user-data-dir={home}", f"--screenshot={shot}", page.as_uri()]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        save(Image.open(shot).convert("RGB"), name, 800)
+
+
+def save(picture: Image.Image, name: str, width: int = SHOWN_WIDTH) -> None:
+    """Smaller and in few colours: a page of documentation shall not weigh megabytes."""
+    small = picture.resize((width, round(picture.height * width / picture.width)), Image.Resampling.LANCZOS)
+    target = TARGET / f"{name}.png"
+    small.quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
+    print(f"{target.name}: {target.stat().st_size / 1e3:.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    main()
