@@ -9,7 +9,8 @@ of a covariance, which matters for nearly noise-free measurements.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -46,8 +47,8 @@ class SparseModel:
 class Filtered:
     """x: (N, n) posterior means. P_out: (N, o, n) rows ``out`` of the posterior covariances.
 
-    innovation, innovation_variance: (N, m), NaN where nothing was measured. gain: (N, m, n). P_last:
-    (n, n). log_likelihood: of all measurements.
+    innovation, innovation_variance: (N, m), NaN where nothing was measured. gain: (N, m, n). x_last, P_last:
+    (n,), (n, n) at the last step. log_likelihood: of all measurements.
     """
 
     out: IndexArray
@@ -56,6 +57,7 @@ class Filtered:
     innovation: FloatArray
     innovation_variance: FloatArray
     gain: FloatArray
+    x_last: FloatArray
     P_last: FloatArray
     log_likelihood: float
 
@@ -66,6 +68,22 @@ class Smoothed:
 
     x: FloatArray
     P: FloatArray
+
+
+@dataclass(frozen=True)
+class Course:
+    """What is kept of a filter run over a long record, of the states ``out``: x (N, o) and P (N, o, o), posterior.
+
+    innovation, innovation_variance: (N, m). x_last, P_last: (n,), (n, n), all states at the last step.
+    """
+
+    x: FloatArray
+    P: FloatArray
+    innovation: FloatArray
+    innovation_variance: FloatArray
+    x_last: FloatArray
+    P_last: FloatArray
+    log_likelihood: float
 
 
 FAST = {"reassoc", "contract"}  # sums may be regrouped; NaN keeps its meaning
@@ -114,7 +132,7 @@ def _forward(
     P0: FloatArray,
     out: IndexArray,
     keep: bool,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float]:
     steps, m = z.shape
     n = len(x0)
     c = h_col.shape[1]
@@ -174,7 +192,7 @@ def _forward(
             xs[k] = x
             for a in range(len(out)):
                 P_out[k, a] = P[out[a]]
-    return xs, P_out, nu, S, gain, P, loglik
+    return xs, P_out, nu, S, gain, x, P, loglik
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
@@ -191,13 +209,14 @@ def _backward(
     S: FloatArray,
     gain: FloatArray,
     stride: int,
+    adjoint: FloatArray,
+    information: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
+    """adjoint (n,) and information (n, n): what comes later says about the last step; then, about the one before."""
     steps, m = nu.shape
     n = xs.shape[1]
     c = h_col.shape[1]
     o = len(out)
-    adjoint = np.zeros(n)
-    information = np.zeros((n, n))
     work = np.zeros((n, n))
     Lk = np.zeros(n)
     x_s = np.zeros((steps, o))
@@ -256,11 +275,11 @@ def _backward(
 
 def run_filter(model: SparseModel, out: IndexArray, keep: bool = True) -> Filtered:
     """Filter; ``out`` names the states whose covariance rows are kept, ``keep=False`` keeps the likelihood alone."""
-    x, P_out, innovation, S, gain, P_last, log_likelihood = _forward(
+    x, P_out, innovation, S, gain, x_last, P_last, log_likelihood = _forward(
         model.transition_row, model.transition_col, model.transition, model.noise_row, model.noise_col, model.noise,
         model.measurement_col, model.measurement, model.z, model.variance, model.x0, model.P0, out, keep,
     )  # fmt: skip
-    return Filtered(out, x, P_out, innovation, S, gain, P_last, log_likelihood)
+    return Filtered(out, x, P_out, innovation, S, gain, x_last, P_last, log_likelihood)
 
 
 def run_smoother(model: SparseModel, filtered: Filtered, stride: int = 1) -> Smoothed:
@@ -269,9 +288,102 @@ def run_smoother(model: SparseModel, filtered: Filtered, stride: int = 1) -> Smo
     stride: covariances are computed at every so many steps and held in between. The states should be chosen so that no
     nearly noise-free measurement is a difference of widely uncertain ones: ``P - P Lambda P`` would lose its digits.
     """
+    n = len(model.x0)
+    return _smoothed(model, filtered, stride, np.zeros(n), np.zeros((n, n)))
+
+
+def _smoothed(
+    model: SparseModel, filtered: Filtered, stride: int, adjoint: FloatArray, information: FloatArray
+) -> Smoothed:
     x, P = _backward(
         model.transition_row, model.transition_col, model.transition, model.measurement_col, model.measurement,
         filtered.out, filtered.x, filtered.P_out, filtered.innovation, filtered.innovation_variance, filtered.gain,
-        stride,
+        stride, adjoint, information,
     )  # fmt: skip
     return Smoothed(x, P)
+
+
+def run_pieces(
+    pieces: Sequence[Callable[[], SparseModel]], out: IndexArray, stride: int = 1
+) -> tuple[Course, Smoothed]:
+    """Filter and smooth a record whose model is made piece by piece, so that memory is that of one piece.
+
+    Each piece goes on where the one before ends; x0 and P0 of the first alone count. All but the last are filtered
+    twice: forward, to know where each begins, and again when its turn comes backward.
+    """
+    begin, _ = _ahead(pieces[:-1])
+    parts: list[tuple[Course, Smoothed]] = []
+    later: list[FloatArray] = []  # adjoint and information, carried on from piece to piece
+    for piece, start in zip(reversed(pieces), reversed(begin)):
+        parts.append(_both_ways(_begun(piece(), start), out, stride, later))
+    return _joined(parts[::-1])
+
+
+def _both_ways(model: SparseModel, out: IndexArray, stride: int, later: list[FloatArray]) -> tuple[Course, Smoothed]:
+    if not later:
+        later += [np.zeros(len(model.x0)), np.zeros_like(model.P0)]
+    filtered = run_filter(model, out)
+    return _course(filtered), _smoothed(model, filtered, stride, *later)
+
+
+def log_likelihood(pieces: Sequence[Callable[[], SparseModel]]) -> float:
+    """Of all measurements of a record whose model is made piece by piece."""
+    return _ahead(pieces)[1]
+
+
+def _ahead(pieces: Sequence[Callable[[], SparseModel]]) -> tuple[list[tuple[FloatArray, FloatArray] | None], float]:
+    """Where each piece and what follows the last one begins, and the log-likelihood of all."""
+    begin: list[tuple[FloatArray, FloatArray] | None] = [None]
+    total = 0.0
+    for piece in pieces:
+        found = run_filter(_begun(piece(), begin[-1]), np.zeros(0, dtype=np.int64), keep=False)
+        begin.append((found.x_last, found.P_last))
+        total += found.log_likelihood
+    return begin, total
+
+
+def _begun(model: SparseModel, start: tuple[FloatArray, FloatArray] | None) -> SparseModel:
+    return model if start is None else replace(model, x0=start[0], P0=start[1])
+
+
+def _course(filtered: Filtered) -> Course:
+    return Course(
+        filtered.x[:, filtered.out].copy(), filtered.P_out[:, :, filtered.out].copy(), filtered.innovation,
+        filtered.innovation_variance, filtered.x_last, filtered.P_last, filtered.log_likelihood,
+    )  # fmt: skip
+
+
+def _joined(parts: list[tuple[Course, Smoothed]]) -> tuple[Course, Smoothed]:
+    courses, smoothed = [part[0] for part in parts], [part[1] for part in parts]
+    last = courses[-1]
+    course = Course(
+        np.concatenate([part.x for part in courses]), np.concatenate([part.P for part in courses]),
+        np.concatenate([part.innovation for part in courses]),
+        np.concatenate([part.innovation_variance for part in courses]),
+        last.x_last, last.P_last, sum(part.log_likelihood for part in courses),
+    )  # fmt: skip
+    return course, Smoothed(
+        np.concatenate([part.x for part in smoothed]), np.concatenate([part.P for part in smoothed])
+    )
+
+
+def selected(model: SparseModel, kept: IndexArray) -> SparseModel:
+    """The model of the states ``kept`` (sorted) alone; exact where no measurement nor kept state sees the others."""
+    number = np.full(len(model.x0), -1)
+    number[kept] = np.arange(len(kept))
+    e = (number[model.transition_row] >= 0) & (number[model.transition_col] >= 0)
+    q = (number[model.noise_row] >= 0) & (number[model.noise_col] >= 0)
+    seen = number[model.measurement_col] >= 0
+    return replace(
+        model,
+        transition_row=number[model.transition_row[e]],
+        transition_col=number[model.transition_col[e]],
+        transition=np.ascontiguousarray(model.transition[:, e]),
+        noise_row=number[model.noise_row[q]],
+        noise_col=number[model.noise_col[q]],
+        noise=np.ascontiguousarray(model.noise[:, q]),
+        measurement_col=np.where(seen, number[model.measurement_col], 0),
+        measurement=np.where(seen, model.measurement, 0.0),
+        x0=model.x0[kept],
+        P0=np.ascontiguousarray(model.P0[np.ix_(kept, kept)]),
+    )

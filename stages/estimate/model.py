@@ -32,12 +32,15 @@ flexure moves the lever arm by beyond that model is the noise of u.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
 from physics import flexure
-from physics.kalman import SparseModel
+from physics.kalman import Course, SparseModel, selected
 from physics.rotations import skew
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
@@ -48,6 +51,13 @@ D, EPS, DELAY, DRIFT = 12, 15, 18, 19
 V, NABLA, R, B, M, JITTER, JITTER_BEFORE, KAPPA, STEP_D, M_MAIN = 20, 23, 26, 29, 38, 47, 50, 53, 56, 59
 SIZE = 68
 ROW = 38  # entries of a row of H, at most
+GYRO_STATES = np.array([*range(V), *range(M, M + 9)])  # what the attitudes alone can see
+PIECE = 20_000  # steps whose model is held in memory at a time: a quarter of a gigabyte
+LEAD = 2  # steps: the first ones of a model do not know what was before them, and take no velocity
+PER_STEP = (
+    "index", "dt", "jump_s", "gap_end", "z", "u", "A_start", "A_end", "A_mid", "omega", "rate_m", "force_i", "force_m",
+    "centred",
+)  # fmt: skip
 GAP_ANGLE = 5e-3  # rad, one sigma of a gap of 1 s and more
 GAP_JERK = 0.02  # rad/s^3: what a straight line misses of a lively ship's rate in a short gap
 Z_NOISE = 1e-7  # rad (0.0004 arcmin): rounding, interpolation and linearisation of z
@@ -97,18 +107,54 @@ def build(obs: Observations, noise: Noise, coupling: FloatArray, x0: FloatArray)
     return SparseModel(rows_e, cols_e, E, rows_q, cols_q, Q, columns, rows, z, variance, x0, prior)
 
 
-def _prior(obs: Observations, noise: Noise) -> FloatArray:
+def pieces(obs: Observations, noise: Noise, coupling: FloatArray, x0: FloatArray) -> list[Callable[[], SparseModel]]:
+    """The model of :func:`build` in pieces of at most PIECE steps, each made when called; gyro states alone where
+    the accelerometers are left out."""
+    count = -(-len(obs.dt) // PIECE)
+    edges = np.linspace(0, len(obs.dt), count + 1).astype(int).tolist()
+    return [partial(_piece, obs, noise, coupling, x0, first, last) for first, last in pairwise(edges)]
+
+
+def states(noise: Noise) -> IntArray:
+    """Numbers of the states in the models of :func:`pieces`."""
+    return np.arange(SIZE) if noise.use_velocity else GYRO_STATES
+
+
+def with_all_states(course: Course, kept: IntArray, noise: Noise) -> Course:
+    """The last state of a run over the states ``kept`` among all: the others, unseen, keep correction zero."""
+    x, P = np.zeros(SIZE), np.diag(_sigma(noise) ** 2)
+    x[kept] = course.x_last
+    P[np.ix_(kept, kept)] = course.P_last
+    return replace(course, x_last=x, P_last=P)
+
+
+def _piece(obs: Observations, noise: Noise, coupling: FloatArray, x0: FloatArray, first: int, last: int) -> SparseModel:
+    lead = min(first, LEAD)
+    part = replace(obs, **{name: getattr(obs, name)[first - lead : last] for name in PER_STEP})
+    whole = build(part, noise, coupling, x0)
+    model = whole if noise.use_velocity else selected(whole, GYRO_STATES)
+    if not lead:
+        return model
+    per_step = ("transition", "noise", "measurement", "z", "variance")
+    return replace(model, **{name: getattr(model, name)[lead:] for name in per_step})
+
+
+def _sigma(noise: Noise) -> FloatArray:
+    """(SIZE,) prior sigmas, theta's in the place of zeta's."""
     ones = np.ones(3)
     rate = np.sqrt(noise.stiffness) * noise.std
     creep = noise.quasi_static * np.sqrt(1800.0) * ones
-    sigma = np.concatenate([
+    return np.concatenate([
         noise.std, rate, noise.phi_prior * ones, creep, noise.drift_prior * ones, noise.gyro_bias_prior * ones,
         [noise.delay_prior, noise.clock_prior], 10.0 * ones, noise.accel_bias_prior * ones, noise.lever_prior * ones,
         noise.coupling_prior * np.ones(9), noise.scale_prior.ravel(), noise.jitter, noise.jitter,
         noise.kappa_prior * ones, 0.0 * ones, noise.scale_prior.ravel(),
     ])  # fmt: skip
+
+
+def _prior(obs: Observations, noise: Noise) -> FloatArray:
     T = zeta_map(obs)  # from theta in the first place to zeta
-    return np.asarray(T @ np.diag(sigma**2) @ T.T)
+    return np.asarray(T @ np.diag(_sigma(noise) ** 2) @ T.T)
 
 
 def zeta_map(obs: Observations) -> FloatArray:
@@ -269,7 +315,7 @@ def _measurements(
         _velocity_rows(obs, coupling, columns, rows)
         z[:, 3:] = obs.u - _flexure_velocity(obs, coupling)
         variance[:, 3:] = noise.velocity**2
-        z[:2, 3:] = np.nan
+        z[:LEAD, 3:] = np.nan
     return columns, rows, z, variance
 
 

@@ -19,7 +19,7 @@ from schemas.products import Alignment, Deformation, Estimate, FlexureModel, Inn
 from schemas.rig import FloatArray
 from schemas.trial import Trial
 from stages.estimate import model as m
-from stages.estimate.solve import OUT, Solution, solve, total_rotation
+from stages.estimate.solve import Solution, solve, total_rotation
 
 CHANNELS = (
     "attitude x", "attitude y", "attitude z", "relative velocity x", "relative velocity y", "relative velocity z",
@@ -51,8 +51,7 @@ class CausalFilter:
     def estimate(self, trial: Trial, alignment: Alignment, flexure: FlexureModel) -> Deformation:
         """Deformation of a trial; DataError when the units hardly overlap."""
         solution = solve(trial, alignment, flexure)
-        P = solution.filtered.P_out[:, :, OUT]
-        return _deformation(self.name, trial, alignment, solution, solution.filtered.x[:, OUT], P)
+        return _deformation(self.name, trial, alignment, solution, solution.filtered.x, solution.filtered.P)
 
 
 def _deformation(
@@ -109,7 +108,7 @@ def _inflation(solution: Solution) -> float:
 
 def _parameters(trial: Trial, solution: Solution) -> dict[str, Estimate]:
     at, noise = solution.at, solution.noise
-    x, P = solution.filtered.x[-1], np.diag(solution.filtered.P_last)
+    x, P = solution.filtered.x_last, np.diag(solution.filtered.P_last)
 
     def estimate(base: FloatArray, first: int, count: int, prior: float) -> Estimate:
         std = np.sqrt(np.maximum(P[first : first + count], 0.0))

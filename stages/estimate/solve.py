@@ -6,6 +6,7 @@ all of it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
@@ -13,9 +14,8 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from physics.kalman import Filtered, Smoothed, SparseModel, run_filter, run_smoother
+from physics.kalman import Course, Smoothed, SparseModel, log_likelihood, run_pieces
 from physics.rotations import skew
-from physics.units import ARCMIN
 from schemas.products import Alignment, FlexureModel
 from schemas.rig import FloatArray
 from schemas.trial import Trial
@@ -27,8 +27,8 @@ from stages.paired import Linearisation, Observations, Paired, observe, pair
 COVARIANCE_STRIDE = 5  # steps: a second
 PILOT_S = 900.0  # s of record on which noise levels are found first
 PILOT_ROUNDS = 4
-LONG_S = 900.0  # s: shorter records cannot show quasi-static bending
-QUASI_STATIC = 1e-4 * ARCMIN  # rad/s^1.5, that of 10 arcmin over some hours; a tenth and ten times are tried beside it
+LONG_S = 900.0  # s: shorter records cannot show how strong slow bending is
+DENSITIES = tuple(factor * tuning.QUASI_STATIC for factor in (1.0, 0.0, 10.0, 100.0))  # of slow bending, candidates
 ACCEL_FACTORS, VELOCITY_FACTORS = (1.0, 3.0, 10.0), (1.0, 5.0)  # on the accelerometers' noise, candidates
 CHOICE_NATS = 4.0  # by how much the likelihood must gain before a default is left
 DISAGREEMENT = 16.3  # chi-square with 3 degrees of freedom, 0.1 %
@@ -46,8 +46,7 @@ class Solution:
     at: Linearisation
     noise: m.Noise
     obs: Observations
-    model: SparseModel
-    filtered: Filtered
+    filtered: Course
     smoothed: Smoothed
     flexure: FlexureModel
 
@@ -108,9 +107,9 @@ class Job:
         x0[m.M : m.M + 9] = -(at.R_ref @ at.scale @ at.R_ref.T).ravel()
         return x0
 
-    def model(self, obs: Observations, at: Linearisation, noise: m.Noise) -> SparseModel:
-        """The model about a linearisation, its prior centred on the alignment."""
-        return m.build(obs, noise, at.coupling, m.zeta_map(obs) @ self.prior_mean(at))
+    def model(self, obs: Observations, at: Linearisation, noise: m.Noise) -> list[Callable[[], SparseModel]]:
+        """The model about a linearisation, in pieces, its prior centred on the alignment."""
+        return m.pieces(obs, noise, at.coupling, m.zeta_map(obs) @ self.prior_mean(at))
 
     def round(
         self, obs: Observations, at: Linearisation, noise: m.Noise, flexure: FlexureModel, identify: bool = True
@@ -118,17 +117,17 @@ class Job:
         """Filter and smooth about one linearisation; identify the flexure in what comes out."""
         size = max(float(np.linalg.norm(at.lever_arm)), 1.0)
         noise = replace(noise, coupling_prior=tuning.COUPLING_SHARE * size)
-        model = self.model(obs, at, noise)
-        filtered = run_filter(model, OUT)
-        smoothed = _resolved(filtered, run_smoother(model, filtered, COVARIANCE_STRIDE))
-        solution = Solution(at, noise, obs, model, filtered, smoothed, flexure)
+        kept = m.states(noise)
+        course, smoothed = run_pieces(self.model(obs, at, noise), np.searchsorted(kept, OUT), COVARIANCE_STRIDE)
+        course = m.with_all_states(course, kept, noise)
+        solution = Solution(at, noise, obs, course, _resolved(course, smoothed), flexure)
         if not identify:
             return solution
         return replace(solution, flexure=fit_flexure(obs.t, solution.total, obs.good, self.trial.rig, flexure))
 
     def after(self, solution: Solution) -> tuple[Linearisation, m.Noise, FlexureModel]:
         """The next linearisation, tuned noise and flexure after one round."""
-        x, P = solution.filtered.x[-1], np.diag(solution.filtered.P_last)
+        x, P = solution.filtered.x_last, np.diag(solution.filtered.P_last)
         innovation, variance = solution.filtered.innovation[:, 3:], solution.filtered.innovation_variance[:, 3:]
         noise = tuning.with_jitter(solution.noise, innovation, variance)
         eps, nabla = slice(m.EPS, m.EPS + 3), slice(m.NABLA, m.NABLA + 3)
@@ -137,20 +136,17 @@ class Job:
         return _relinearised(solution, x), tuning.with_flexure(noise, solution.flexure), solution.flexure
 
     def quasi_static(self, solution: Solution, noise: m.Noise) -> m.Noise:
-        """The density of slow bending that the record makes most likely, none if it does not ask for any."""
+        """The density of slow bending that the gyros make most likely.
+
+        To leave the usual one takes evidence, towards none too: bending that is not admitted turns up as a drift of
+        the heading of which nothing warns, while bending that was not there costs nearly nothing.
+        """
         obs = solution.obs
         if obs.t[-1] - obs.t[0] < LONG_S:
             return noise
-
-        asked = self._densities(solution, [0.0, QUASI_STATIC])
-        if asked[QUASI_STATIC] < asked[0.0] + CHOICE_NATS:
-            return replace(noise, quasi_static=0.0)
-        asked |= self._densities(solution, [0.1 * QUASI_STATIC, 10.0 * QUASI_STATIC])
-        return replace(noise, quasi_static=max(asked, key=lambda density: asked[density]))
-
-    def _densities(self, solution: Solution, densities: list[float]) -> dict[float, float]:
-        tried = [replace(solution.noise, quasi_static=density) for density in densities]
-        return dict(zip(densities, self.likelihoods(solution.obs, solution.at, tried).tolist()))
+        gyros = replace(solution.noise, use_velocity=False)
+        tried = [replace(gyros, quasi_static=density) for density in DENSITIES]
+        return replace(noise, quasi_static=DENSITIES[self._likeliest(obs, solution.at, tried)])
 
     def accelerometers(self, obs: Observations, at: Linearisation, noise: m.Noise) -> m.Noise:
         """The level of the accelerometers' noise, white in velocity and in acceleration, that is most likely."""
@@ -158,12 +154,16 @@ class Job:
             replace(noise, accel=a * noise.accel, velocity=v * noise.velocity)
             for a, v in product(ACCEL_FACTORS, VELOCITY_FACTORS)
         ]
+        return tried[self._likeliest(obs, at, tried)]
+
+    def _likeliest(self, obs: Observations, at: Linearisation, tried: list[m.Noise]) -> int:
+        """Which set is most likely; the first one unless another gains enough."""
         gain = self.likelihoods(obs, at, tried)
-        return tried[int(np.argmax(gain - CHOICE_NATS * (np.arange(len(tried)) > 0)))]
+        return int(np.argmax(gain - CHOICE_NATS * (np.arange(len(tried)) > 0)))
 
     def likelihoods(self, obs: Observations, at: Linearisation, tried: list[m.Noise]) -> FloatArray:
         """Log-likelihood of each set of noise parameters, two at a time."""
-        run = lambda noise: run_filter(self.model(obs, at, noise), OUT, keep=False).log_likelihood  # noqa: E731
+        run = lambda noise: log_likelihood(self.model(obs, at, noise))  # noqa: E731
         with ThreadPoolExecutor(2) as pool:
             return np.array(list(pool.map(run, tried)))
 
@@ -181,13 +181,13 @@ class Job:
         return solution
 
 
-def _resolved(filtered: Filtered, smoothed: Smoothed) -> Smoothed:
+def _resolved(filtered: Course, smoothed: Smoothed) -> Smoothed:
     """Hold the covariance at the start where the filter knew so little that the smoothed one has lost its digits."""
-    own = np.stack([filtered.P_out[:, a, state] for a, state in enumerate(OUT)], axis=1)
+    own = np.diagonal(filtered.P, axis1=1, axis2=2)
     share = np.diagonal(smoothed.P, axis1=1, axis2=2) / np.maximum(own, 1e-300)
     poor = (share < RESOLVED).any(axis=1)
     first = int(np.argmin(poor)) if not poor.all() else 0
-    P = smoothed.P.copy()
+    P = smoothed.P.copy() if first else smoothed.P
     P[:first] = P[first]
     return Smoothed(smoothed.x, P)
 

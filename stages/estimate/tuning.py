@@ -18,6 +18,7 @@ from stages.estimate.model import Noise
 
 ANGLE_PRIOR = 60 * ARCMIN  # of the static angle and of the start of the drift, at least
 DELAY_PRIOR_S = (2e-3, 0.05)  # least and most
+QUASI_STATIC = 1e-5 * ARCMIN  # rad/s^1.5: sun and load bend a deck by about an arcminute in an hour
 CLOCK_PRIOR = 30e-6  # s/s, two crystal clocks
 LEVER_PRIOR_M = 100.0  # where the rig states nothing
 COUPLING_SHARE = 0.1  # of the lever arm: how far flexure between the two places differs from a rigid lever's
@@ -53,7 +54,7 @@ def initial(alignment: Alignment, flexure: FlexureModel, rig: Rig) -> Noise:
     known = rig.lever_arm is not None
     noise = Noise(
         damping=flexure.damping, stiffness=flexure.stiffness, std=flexure.std, gyro=flexure.gyro_noise,
-        gyro_walk=0.0, quasi_static=0.0, velocity=np.full(3, VELOCITY * np.sqrt(coarse)),
+        gyro_walk=0.0, quasi_static=QUASI_STATIC, velocity=np.full(3, VELOCITY * np.sqrt(coarse)),
         jitter=np.full(3, JITTER_START),
         accel=accel_noise(rig, coarse), accel_walk=0.0, phi_prior=angle, drift_prior=angle,
         gyro_bias_prior=stated(rig, "gyro_bias_std") or FINE_BIAS * coarse, delay_prior=delay, clock_prior=CLOCK_PRIOR,

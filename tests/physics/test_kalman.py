@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from physics.kalman import SparseModel, run_filter, run_smoother
+from physics.kalman import SparseModel, log_likelihood, run_filter, run_pieces, run_smoother, selected
 from tests.oracles.dense_gaussian import DenseModel, condition
 
 SEEDS = pytest.mark.parametrize("seed", range(6))
@@ -120,6 +122,57 @@ def test_smoother_and_filter_agree_at_the_last_step() -> None:
     smoothed = run_smoother(sparse, filtered)
     np.testing.assert_array_equal(smoothed.x[-1], filtered.x[-1])
     np.testing.assert_allclose(smoothed.P[-1], filtered.P_last, rtol=1e-12, atol=1e-14)
+
+
+def cut(model: SparseModel, part: slice) -> SparseModel:
+    per_step = ("transition", "noise", "measurement", "z", "variance")
+    return replace(model, **{name: getattr(model, name)[part] for name in per_step})
+
+
+@SEEDS
+@pytest.mark.parametrize("edges", [[0, 25], [0, 8, 25], [0, 1, 2, 17, 25]])
+def test_a_record_in_pieces_gives_what_it_gives_as_a_whole(seed: int, edges: list[int]) -> None:
+    sparse, _ = random_models(seed)
+    out = np.array([0, 3, 6])
+    whole = run_filter(sparse, out)
+    smoothed = run_smoother(sparse, whole)
+    pieces = [partial(cut, sparse, slice(a, b)) for a, b in pairwise(edges)]
+    course, in_pieces = run_pieces(pieces, out)
+    np.testing.assert_allclose(in_pieces.x, smoothed.x, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(in_pieces.P, smoothed.P, rtol=1e-10, atol=1e-12)
+    np.testing.assert_array_equal(course.x, whole.x[:, out])
+    np.testing.assert_array_equal(course.P, whole.P_out[:, :, out])
+    np.testing.assert_array_equal(course.innovation, whole.innovation)
+    np.testing.assert_array_equal(course.x_last, whole.x[-1])
+    np.testing.assert_array_equal(course.P_last, whole.P_last)
+    assert course.log_likelihood == pytest.approx(whole.log_likelihood, rel=1e-12)
+    assert log_likelihood(pieces) == pytest.approx(whole.log_likelihood, rel=1e-12)
+
+
+def test_states_that_nothing_sees_can_be_left_out() -> None:
+    sparse, _ = random_models(4)
+    # Two states more, in front and in the middle, that are driven by the others and drive none.
+    kept = np.array([1, 2, 3, 5, 6, 7, 8])
+    P0 = np.eye(9)
+    P0[np.ix_(kept, kept)] = sparse.P0
+    x0 = np.full(9, 3.0)
+    x0[kept] = sparse.x0
+    larger = replace(
+        sparse,
+        transition_row=np.append(kept[sparse.transition_row], [0, 4]),
+        transition_col=np.append(kept[sparse.transition_col], [3, 4]),
+        transition=np.hstack([sparse.transition, np.ones((25, 2))]),
+        noise_row=np.append(kept[sparse.noise_row], 4),
+        noise_col=np.append(kept[sparse.noise_col], 4),
+        noise=np.hstack([sparse.noise, np.ones((25, 1))]),
+        measurement_col=np.where(sparse.measurement[0] == 0.0, 0, kept[sparse.measurement_col]),
+        x0=x0,
+        P0=P0,
+    )
+    smaller, full = run_filter(selected(larger, kept), np.arange(7)), run_filter(larger, kept)
+    np.testing.assert_allclose(smaller.x, full.x[:, kept], rtol=1e-12)
+    np.testing.assert_allclose(smaller.P_out, full.P_out[:, :, kept], rtol=1e-12)
+    assert smaller.log_likelihood == pytest.approx(full.log_likelihood, rel=1e-12)
 
 
 def test_inputs_are_left_alone_and_keeping_nothing_changes_no_figure() -> None:

@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from physics import flexure
+from physics.kalman import run_filter
 from stages.estimate import model as m
 from stages.paired import Observations, observe
 from tests.stages.estimate.observed import observed, paired_of
@@ -254,3 +255,25 @@ def test_without_velocity_nothing_of_it_is_measured_or_stepped(base) -> None:
     model = m.build(obs, replace(NOISE, use_velocity=False), at.coupling, np.zeros(m.SIZE))
     assert np.isnan(model.z[:, 3:]).all()
     assert not np.isin(model.transition_row, np.arange(m.V, m.V + 3)).any()
+
+
+def test_model_in_pieces_is_the_model_as_a_whole(base, monkeypatch) -> None:
+    obs, at = base
+    whole = m.build(obs, NOISE, at.coupling, np.zeros(m.SIZE))
+    monkeypatch.setattr(m, "PIECE", 47)
+    made = [piece() for piece in m.pieces(obs, NOISE, at.coupling, np.zeros(m.SIZE))]
+    assert len(made) > 2
+    for name in ("transition", "noise", "measurement", "z", "variance"):
+        np.testing.assert_array_equal(np.concatenate([getattr(one, name) for one in made]), getattr(whole, name))
+    np.testing.assert_array_equal(made[0].P0, whole.P0)
+
+
+def test_gyros_alone_see_only_their_states(base) -> None:
+    obs, at = base
+    noise = replace(NOISE, use_velocity=False)
+    whole = run_filter(m.build(obs, noise, at.coupling, np.zeros(m.SIZE)), np.arange(m.SIZE))
+    (piece,) = m.pieces(obs, noise, at.coupling, np.zeros(m.SIZE))
+    kept = m.states(noise)
+    small = run_filter(piece(), np.arange(len(kept)))
+    assert small.log_likelihood == pytest.approx(whole.log_likelihood, rel=1e-9)
+    np.testing.assert_allclose(small.x[-1], whole.x[-1][kept], rtol=1e-6, atol=1e-12)
