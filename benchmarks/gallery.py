@@ -29,7 +29,7 @@ from schemas.wire import Table, read_log, write_log
 TARGET = Path(__file__).parents[1] / "docs" / "gallery"
 WINDOW = (1600, 1000)
 SHOWN_WIDTH = 1120
-COLOURS = 96
+COLOURS = 200
 PATIENCE = 90.0  # s for the viewer to open a recording
 SETTLE = 6.0  # s until its opening messages are gone
 LENGTH = "300"  # s of the simulated trial
@@ -181,7 +181,7 @@ def save(picture: Image.Image, name: str, width: int = SHOWN_WIDTH) -> None:
     """Smaller and in few colours: a page of documentation shall not weigh megabytes."""
     small = picture.resize((width, round(picture.height * width / picture.width)), Image.Resampling.LANCZOS)
     target = TARGET / f"{name}.png"
-    small.quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
+    small.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(target, optimize=True)
     print(f"{target.name}: {target.stat().st_size / 1e3:.0f} kB", flush=True)
 
 

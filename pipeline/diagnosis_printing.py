@@ -70,8 +70,8 @@ def shrinkage_table(diagnosis: Diagnosis) -> Table | None:
         return None
     table = plain_table("gap with", "before", "after", "closed", "95 % interval", title=f"gap in {diagnosis.gap.unit}")
     for name, gap in rows:
-        low, high = gap.closed_ci95
-        table.add_row(name, f"{gap.before:.4g}", f"{gap.after:.4g}", f"{gap.closed:.0%}", f"{low:.0%} – {high:.0%}")
+        closed, low, high = (words.percent(share) for share in (gap.closed, *gap.closed_ci95))
+        table.add_row(name, f"{gap.before:.4g}", f"{gap.after:.4g}", f"{closed} %", f"{low} – {high} %")
     return table
 
 

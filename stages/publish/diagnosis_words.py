@@ -84,8 +84,14 @@ def value_text(parameter: ParameterEstimate) -> str:
 
 def closed_text(gap: Gap) -> str:
     """The gap shrinks by 98 % (95 to 99 %)."""
-    low, high = (100 * share for share in gap.closed_ci95)
-    return f"the gap shrinks by {100 * gap.closed:.0f} % (95 % interval {low:.0f} to {high:.0f} %)"
+    low, high = (percent(share) for share in gap.closed_ci95)
+    return f"the gap shrinks by {percent(gap.closed)} % (95 % interval {low} to {high} %)"
+
+
+def percent(share: float) -> str:
+    """A share in per cent; what is almost all of it, but not quite, says so."""
+    value = 100 * share
+    return f"{value:.2f}" if 99.5 <= value < 99.995 else f"{value:.0f}"
 
 
 def channel_text(channel: str, axis: str = "") -> str:
@@ -109,11 +115,16 @@ def band_text(low: float, high: float) -> str:
     return f"below {high:.3g} Hz" if low <= 0 else f"{low:.3g} to {high:.3g} Hz"
 
 
+def band_short(low: float, high: float) -> str:
+    """A band of frequencies in Hz, short enough to stand below a column."""
+    return f"> {low:.2g}" if not np.isfinite(high) else f"< {high:.2g}" if low <= 0 else f"{low:.2g}–{high:.2g}"
+
+
 def nats(value: float | None) -> str:
     """Evidence, a dash where it could not be tested."""
     if value is None or not np.isfinite(value):
         return "–"
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.1f}"
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value + 0.0 if abs(value) >= 0.05 else 0.0:.1f}"
 
 
 def signed_log(value: float) -> float:

@@ -67,12 +67,12 @@ def _shrinkage(d: Diagnosis) -> Html:
     colours = {"answer": BLUE, "placebo": GREY}
     drawn = [
         Bar(name, 100 * gap.closed, colours.get(name.split(":")[0], ORANGE),
-            50 * (gap.closed_ci95[1] - gap.closed_ci95[0]), note=f"{100 * gap.closed:.0f} %")
+            50 * (gap.closed_ci95[1] - gap.closed_ci95[0]), note=f"{words.percent(gap.closed)} %")
         for name, gap in rows
     ]  # fmt: skip
     figures = [
-        [name, f"{gap.before:.4g}", f"{gap.after:.4g}", f"{100 * gap.closed:.1f} %",
-         f"{100 * gap.closed_ci95[0]:.0f} to {100 * gap.closed_ci95[1]:.0f} %"]
+        [name, f"{gap.before:.4g}", f"{gap.after:.4g}", f"{words.percent(gap.closed)} %",
+         f"{words.percent(gap.closed_ci95[0])} to {words.percent(gap.closed_ci95[1])} %"]
         for name, gap in rows
     ]  # fmt: skip
     title = "Share of the gap that closes; whiskers: 95 % interval"
@@ -114,7 +114,7 @@ def _maps(found: Localisation | None) -> list[Html]:
     if found is None or not found.score.size:
         return []
     rows = [words.channel_text(*name.split(" ", 1)) for name in found.channels]
-    bands = [words.band_text(float(a), float(b)).removesuffix(" Hz") for a, b in found.bands_hz]
+    bands = [words.band_short(float(a), float(b)) for a, b in found.bands_hz]
     axis = time_axis(float(found.edges_s[0]), float(found.edges_s[-1]))
     middles = 0.5 * (found.edges_s[1:] + found.edges_s[:-1])
     times = [f"{t / axis.scale:.3g}" for t in middles]

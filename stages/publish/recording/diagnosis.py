@@ -126,7 +126,7 @@ def _shrinkage(d: Diagnosis) -> list[Row]:
     colours = {"answer": BLUE, "placebo": GREY}
     return [
         Row(name, 100 * gap.closed, colours.get(name.split(":")[0], ORANGE),
-            50 * (gap.closed_ci95[1] - gap.closed_ci95[0]), note=f"{100 * gap.closed:.0f} %")
+            50 * (gap.closed_ci95[1] - gap.closed_ci95[0]), note=f"{words.percent(gap.closed)} %")
         for name, gap in rows
     ]  # fmt: skip
 
@@ -141,7 +141,7 @@ def _errors(d: Diagnosis) -> list[Row]:
 
 def _log_maps(rec: rr.RecordingStream, found: Localisation) -> None:
     rows = [words.channel_text(*name.split(" ", 1)) for name in found.channels]
-    bands = [words.band_text(float(a), float(b)).removesuffix(" Hz") for a, b in found.bands_hz]
+    bands = [words.band_short(float(a), float(b)) for a, b in found.bands_hz]
     axis = time_axis(float(found.edges_s[0]), float(found.edges_s[-1]))
     times = [f"{t / axis.scale:.3g}" for t in 0.5 * (found.edges_s[1:] + found.edges_s[:-1])]
     log_map(rec, "where/bands", found.score.sum(axis=2), rows, bands, "frequency [Hz]", MAP_HEIGHT)

@@ -143,7 +143,7 @@ def log_map(
     rec.log(f"{entity}/cells", rr.Image(_picture(values, height)), static=True)
     scale, across = float(PIXELS), (WIDTH - NAMES - 2.0) / max(len(columns), 1)
     down = (height - FOOT) / max(len(rows), 1)
-    names = [(0.5 * NAMES * scale, ((k + 0.5) * down - 2.0) * scale) for k in range(len(rows))]
+    names = [(0.5 * NAMES * scale, ((k + 0.5) * down - 2.0) * scale + TOP_PIXELS) for k in range(len(rows))]
     write_texts(rec, f"{entity}/names", names, rows)
     every = max(1, round(16.0 / across))
     feet = [
@@ -152,7 +152,7 @@ def log_map(
     ]
     write_texts(rec, f"{entity}/ticks", feet, list(columns)[::every])
     middle = 0.5 * (NAMES + WIDTH)
-    write_texts(rec, f"{entity}/label", [(middle * scale, (height - FOOT + 6.0) * scale)], [label])
+    write_texts(rec, f"{entity}/label", [(middle * scale, (height - FOOT + 6.0) * scale + TOP_PIXELS)], [label])
 
 
 def map_view(entity: str, name: str, height: float) -> rrb.Spatial2DView:

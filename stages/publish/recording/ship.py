@@ -132,9 +132,8 @@ def _log_path(rec: rr.RecordingStream, shape: DeckShape) -> None:
     )
     line = rr.LineStrips3D([bent], colors=[RED], radii=rr.Radius.ui_points(1.5))
     rec.log("ship/path/bent", line, static=True)
-    label = rr.Points3D(
-        [bent[len(bent) // 3]], labels=[f"path as bent, x{factor:g}"], colors=[RED], radii=0.01, show_labels=True
-    )
+    far = 0 if np.linalg.norm(bent[0]) > np.linalg.norm(bent[-1]) else -1  # away from the main IMU and its name
+    label = rr.Points3D([bent[far]], labels=[f"path as bent, x{factor:g}"], colors=[RED], radii=0.01, show_labels=True)
     rec.log("ship/path/label", label, static=True)
 
 
