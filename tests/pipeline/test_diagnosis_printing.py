@@ -24,7 +24,7 @@ def printed(diagnosis) -> str:
         "the cause is found",
         "delay_s     0.015302 ± 2.1e-05 s",
         "time_delay                    5210            14.0   named",
-        "55 %      49 – 60 %",
+        "49 – 60 %",
         "twin with the effects   0.250   0.250   0.630",
         "look-alike  time_delay looks the same in this log as phins_latency",
         "next        Repeat the trial with a turn of 30 degrees.",
