@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from physics import quaternions
+from physics.matching import turned
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
 from stages.diagnose.whitening import step_means
@@ -14,35 +15,26 @@ from twin.effects._prediction import Signals
 
 
 @njit(cache=True, nogil=True)
-def _turn(q, x, y, z):  # type: ignore[no-untyped-def]
-    tx = 2.0 * (q[1] * z - q[2] * y)
-    ty = 2.0 * (q[2] * x - q[0] * z)
-    tz = 2.0 * (q[0] * y - q[1] * x)
-    return (
-        x + q[3] * tx + q[1] * tz - q[2] * ty,
-        y + q[3] * ty + q[2] * tx - q[0] * tz,
-        z + q[3] * tz + q[0] * ty - q[1] * tx,
-    )
+def _propagate(middle, end, force, dt, gyro, accel, angle, speed):  # type: ignore[no-untyped-def]
+    """alpha' = A gyro, V' = alpha x f + A accel; angle, speed: A^T alpha, A^T V at the samples; gyro, accel in m.
 
-
-@njit(cache=True, nogil=True)
-def _propagate(q, force, dt, gyro, accel, angle, speed):  # type: ignore[no-untyped-def]
-    """alpha' = A gyro, V' = alpha x f + A accel; angle, speed: A^T alpha, A^T V at the samples; gyro, accel in m."""
+    middle, end: (n, 4) attitude half a sample before the samples, and at them.
+    """
     ax = ay = az = vx = vy = vz = 0.0
     back = np.empty(4)
     for k in range(1, len(dt)):
         h = dt[k]
-        gx, gy, gz = _turn(q[k], gyro[k, 0], gyro[k, 1], gyro[k, 2])
+        gx, gy, gz = turned(middle[k], gyro[k, 0], gyro[k, 1], gyro[k, 2])
         bx, by, bz = ax + 0.5 * h * gx, ay + 0.5 * h * gy, az + 0.5 * h * gz
         ax, ay, az = ax + h * gx, ay + h * gy, az + h * gz
-        fx, fy, fz = _turn(q[k], accel[k, 0], accel[k, 1], accel[k, 2])
+        fx, fy, fz = turned(middle[k], accel[k, 0], accel[k, 1], accel[k, 2])
         vx += h * (by * force[k, 2] - bz * force[k, 1] + fx)
         vy += h * (bz * force[k, 0] - bx * force[k, 2] + fy)
         vz += h * (bx * force[k, 1] - by * force[k, 0] + fz)
-        back[:3] = -q[k, :3]
-        back[3] = q[k, 3]
-        angle[k, 0], angle[k, 1], angle[k, 2] = _turn(back, ax, ay, az)
-        speed[k, 0], speed[k, 1], speed[k, 2] = _turn(back, vx, vy, vz)
+        back[:3] = -end[k, :3]
+        back[3] = end[k, 3]
+        angle[k, 0], angle[k, 1], angle[k, 2] = turned(back, ax, ay, az)
+        speed[k, 0], speed[k, 1], speed[k, 2] = turned(back, vx, vy, vz)
 
 
 class Response:
@@ -83,9 +75,8 @@ class Response:
         gyro = nothing if signals.gyro is None else signals.gyro @ self.R.T
         accel = nothing if signals.accel is None else signals.accel @ self.R.T
         angle, speed = np.zeros_like(self.force), np.zeros_like(self.force)
-        _propagate(
-            self.middle, self.force, self.dt, np.ascontiguousarray(gyro), np.ascontiguousarray(accel), angle, speed
-        )
+        gyro, accel = np.ascontiguousarray(gyro), np.ascontiguousarray(accel)
+        _propagate(self.middle, self.obs.main.attitude, self.force, self.dt, gyro, accel, angle, speed)
         z = angle[self.obs.index]
         out[:, 0:3] += z
         out[:, 3:6] += trapezoid_means(speed, self.obs.index) - self.lever_velocity(z)
