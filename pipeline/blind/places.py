@@ -35,7 +35,7 @@ ANY_AXIS = {
     "gyro_bandwidth": (GYRO,),
     "outliers": (GYRO,),
     "lever_arm": (ACCEL,),
-    "phins_latency": (ATTITUDE, MAIN_ATTITUDE),
+    "phins_latency": (ATTITUDE, MAIN_ATTITUDE, "phins_main.stamp", "phins_sub.stamp"),
     "static_misalignment": (GYRO, ACCEL, ATTITUDE),
     "misalignment_step": (GYRO, ACCEL, ATTITUDE),
     "axis_coupling": (GYRO, ACCEL, ATTITUDE),
