@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from physics import quaternions
+from physics.rotations import log, skew
 from physics.matching import turned
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
@@ -45,6 +46,7 @@ class Response:
 
     def __init__(self, obs: Observations, R_m_s: FloatArray, coupling: FloatArray) -> None:
         self.obs, self.R, self.coupling = obs, R_m_s, coupling
+        self.mounted = left_jacobian(log(R_m_s))
         self.dt = np.diff(obs.t, prepend=obs.t[0])
         self.force = np.zeros_like(obs.sub.velocity)
         self.force[1:] = np.diff(obs.sub.velocity, axis=0) / self.dt[1:, None]
@@ -63,7 +65,7 @@ class Response:
         if signals.bending is not None:  # it moves the lever arm as the model says, so that u is left as it is
             out[:, 0:3] += signals.bending[self.obs.index]
         if signals.mount is not None:
-            z = signals.mount[self.obs.index]
+            z = signals.mount[self.obs.index] @ self.mounted.T
             out[:, 0:3] += z
             out[:, 3:6] -= self.lever_velocity(z)
         if signals.phins is not None:
@@ -88,6 +90,14 @@ class Response:
         rate[1:] = np.diff(z, axis=0) / self.obs.dt[1:, None]
         mean[1:] = 0.5 * (z[1:] + z[:-1])
         return np.asarray(rate @ self.coupling.T + np.cross(self.obs.omega, mean @ self.coupling.T))
+
+
+def left_jacobian(vector: FloatArray) -> FloatArray:
+    """J (3, 3) of a rotation vector (3,): Exp(v + e) ~ Exp(J e) Exp(v) for small e."""
+    angle, K = float(np.linalg.norm(vector)), skew(vector)
+    if angle < 1e-6:
+        return np.asarray(np.eye(3) + 0.5 * K)
+    return np.asarray(np.eye(3) + (1.0 - np.cos(angle)) / angle**2 * K + (angle - np.sin(angle)) / angle**3 * K @ K)
 
 
 def trapezoid_means(values: FloatArray, index: IntArray) -> FloatArray:

@@ -49,8 +49,8 @@ class Signals:
     """What a unit of a parameter adds, each (n, 3) at the stamps of the view, None for nothing.
 
     gyro: rad/s, accel: m/s^2, on the sub-IMU, s-axes. bending: rad, m-axes: theta, which moves the lever arm. mount:
-    rad, m-axes: Phi, which does not. phins: rad, m-axes, on the relative attitude of the PHINS (sub less main).
-    phins_main: rad, m-axes, on the attitude of the main PHINS against the main IMU.
+    rad, m-axes: the vector Phi, which does not. phins: rad, m-axes, on the relative attitude of the PHINS (sub less
+    main). phins_main: rad, m-axes, on the attitude of the main PHINS against the main IMU.
     """
 
     gyro: FloatArray | None = None
