@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 
 from physics import quaternions
-from physics.rotations import log, skew
 from physics.matching import turned
+from physics.rotations import log, skew
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
 from stages.diagnose.whitening import step_means
