@@ -182,17 +182,28 @@ def _follows(series: ImuSeries, turn: tuple[int, FloatArray, FloatArray]) -> tup
     whole = np.convolve(np.diff(index_of(series.stamp)) > 1, np.ones(9), "same")[2:-1] < 0.5
     rough = (np.diff(series.gyro, 4, axis=0) ** 2).sum(axis=1) / 70.0  # white noise keeps its variance
     squared = np.interp((series.stamp[2:-2] - turn[0]).astype(float), turn[1], turn[2])
-    block, weighted, size = max(int(BLOCK_S / (interval_of(series) * NS)), 10), 0.0, 0.0
-    for first in range(0, len(rough) - block + 1, block):
+    block, clock = max(int(BLOCK_S / (interval_of(series) * NS)), 10), np.arange(len(rough))
+    sums = np.zeros((2, 3))  # of odd and even blocks: robust and plain product, size
+    for number, first in enumerate(range(0, len(rough) - block + 1, block)):
         keep = whole[first : first + block]
         y, x = rough[first : first + block][keep], squared[first : first + block][keep]
         level = float(np.median(y)) / 0.789 if len(y) >= block // 2 else 0.0  # of a sum of three squares
         if level <= 0.0:
             continue
-        x, y = x - x.mean(), np.minimum(y, 4.0 * level) - np.minimum(y, 4.0 * level).mean()
+        at = clock[first : first + block][keep]
+        x = _level(x, at)
         precision = 0.5 / (level**2 * 2.0 / 3.0)  # neighbours share differences
-        weighted += float(x @ y) * precision
-        size += float(x @ x) * precision
-    if size <= 0.0 or weighted <= 0.0:
+        robust, plain = float(x @ _level(np.minimum(y, 4.0 * level), at)), float(x @ _level(y, at))
+        sums[number % 2] += np.array([robust, plain, float(x @ x)]) * precision
+    product, plain, size = sums[:, 0], sums[:, 1].sum(), sums[:, 2]
+    if size.min() <= 0.0 or product.min() <= 0.0 or plain <= 0.0:
         return 0.0, 0.0
-    return 0.5 * weighted**2 / size, float(np.sqrt(weighted / size))
+    # What the odd blocks say, on the even ones, and the other way round
+    variance = (product / size)[::-1]
+    return float(np.sum(variance * product - 0.5 * variance**2 * size)), float(np.sqrt(plain / size.sum()))
+
+
+def _level(values: FloatArray, at: IntArray) -> FloatArray:
+    """Values (n,) without their mean and trend: a ship that gets under way bends more and turns more, too."""
+    centred = at - at.mean()
+    return np.asarray(values - values.mean() - centred * (centred @ values) / (centred @ centred))

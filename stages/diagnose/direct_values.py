@@ -18,6 +18,7 @@ FINEST = 1e-9  # of the largest value: closer values are one, and a finer lattic
 MOST_NATS = 1e6  # enough
 REPEATS = 4  # samples at an extreme that make a range of it
 SAME = 1e-12  # of the extreme: values this close are equal
+DWELL = 5.0  # times as many samples as at the levels below may stand at the crest of a wave
 TOP_LEVELS = 5  # of a lattice, below its extreme, that say how many samples to expect there
 
 BoolArray = NDArray[np.bool_]
@@ -133,7 +134,7 @@ def saturation(trial: Trial) -> Finding | None:
 
 def _excess_nats(below: FloatArray, limit: float, count: int) -> float:
     """Repeats of the extreme against what the values just below it make likely."""
-    levels = np.unique(below[below > 0.9 * limit])[-TOP_LEVELS:]
+    levels = np.unique(below)[-TOP_LEVELS:]
     usual = np.count_nonzero(below >= levels[0]) / len(levels) if len(levels) else 0.0
-    expected = max(float(usual) if usual > 1.5 else 1e-3, 1e-3)
+    expected = DWELL * usual if usual > 1.5 else 1e-3  # values that know of no lattice do not repeat
     return float(min(count * np.log(count / expected) - (count - expected), MOST_NATS)) if count > expected else 0.0

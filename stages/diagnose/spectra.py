@@ -37,6 +37,7 @@ EFFECTS = (*DENSITIES, "axis_coupling", "narrowband_vibration")
 NOISES = ("gyro_quantization",)  # found elsewhere, but their noise stands in the spectra
 POOR = "too many gaps for a spectrum"
 DULL_NATS = 3.0  # in favour of a low-pass, from which on other effects are judged with one free
+PLAINLY_NATS = 50.0
 LAG_SIGMAS, LAG_SHARE = 4.0, 0.3  # by which the lag of the gyros may miss that of the low-pass
 GRID = {1: (16,), 2: (8, 8), 3: (3, 24, 5)}  # starts of a fit, by number of parameters
 OCTAVES_FROM_HZ = 0.01
@@ -174,13 +175,17 @@ def _searched(data: Spectra, model: Model, start: FloatArray) -> FloatArray:
 
 
 def _judged(data: Spectra, base: _Trial, dulled: _Trial | None, name: str, dull: _Trial) -> Candidate:
-    """An effect against the base; where the log is dulled, against a base with a low-pass too: the less counts."""
-    trial = dull if name == "gyro_bandwidth" else _try(data, base, name)
-    evidence, against = trial.score - base.score, base
-    if dulled is not None and name != "gyro_bandwidth":
-        beside = _try(data, dulled, name)
-        if beside.score - dulled.score < evidence:
-            trial, evidence, against = beside, beside.score - dulled.score, dulled
+    """An effect against the base; where the log is dulled, against a base with a low-pass too: the less counts, and
+    that alone where the log is plainly dulled."""
+    if name == "gyro_bandwidth":
+        compared = [(dull, base)]
+    elif dulled is None:
+        compared = [(_try(data, base, name), base)]
+    else:
+        plainly = dulled.whole.log_likelihood - base.whole.log_likelihood > PLAINLY_NATS
+        compared = [(_try(data, one, name), one) for one in ([dulled] if plainly else [base, dulled])]
+    trial, against = min(compared, key=lambda pair: pair[0].score - pair[1].score)
+    evidence = trial.score - against.score
     slot = next((slot for slot in trial.whole.model.slots if slot.name == name), Slot(name))
     finding = _finding(data, name, slot, against, trial, evidence)
     return Candidate(finding, FLOOR_NATS, _within(name, trial))
