@@ -228,3 +228,16 @@ def test_a_baseline_estimates_a_strong_bias(made):
 def test_an_unknown_method_is_told_with_the_names_there_are():
     with pytest.raises(ValueError, match="largest_residual"):
         resolve("guesswork")
+
+
+@pytest.mark.slow
+def test_the_diagnosis_itself_answers(tmp_path):
+    wish = Wish(names=("accel_bias",), severities=(10.0,), durations=(120.0,), shares=Shares(0.0, 0.0, 0.0, 1.0))
+    seal(tmp_path / "set", tmp_path / "key", 1, wish, seed=6)
+    done = answer(tmp_path / "set")
+    assert (done.answered, done.failed) == (1, ())
+    given = read_json(tmp_path / "set" / "answers" / "001.json")
+    assert given["without"] == ["accel_bias"]
+    assert "accel_bias" not in [effect["name"] for effect in given["effects"]]
+    found = score(tmp_path / "set", tmp_path / "key")["methods"]["deckflex"]
+    assert found["removed"]["not_explained"]["n"] == 1
