@@ -117,15 +117,17 @@ class Observations:
         Y = quaternions.multiply(to_m, self.sub.attitude)
         return quaternions.multiply(quaternions.exp(correction), Y)
 
-    def spread(self, x: FloatArray) -> FloatArray:
-        """(n, c) at full rate of values (N, c) at the steps: linear, but held on either side of a bridged gap."""
+    def spread(self, x: FloatArray, at: FloatArray | None = None) -> FloatArray:
+        """(n, c) at full rate, or at times ``at``, of values (N, c) at the steps: linear, but held on either side of a
+        bridged gap."""
+        at = self.t if at is None else at
         steps = self.t[self.index]
         after = np.flatnonzero(self.jump_s > 0.0)
         # Two nodes at the end of each gap: the drift may have jumped there by far more than it ever moves in a step.
         nodes = np.concatenate([steps, np.nextafter(self.gap_end[after], -np.inf), self.gap_end[after]])
         values = np.concatenate([x, x[after - 1], x[after]])
         order = np.argsort(nodes, kind="stable")
-        return np.stack([np.interp(self.t, nodes[order], column) for column in values[order].T], axis=1)
+        return np.stack([np.interp(at, nodes[order], column) for column in values[order].T], axis=1)
 
     def rates(self) -> FloatArray:
         """(n, 3) rad/s, rate of the main IMU at the samples, linear between steps: it multiplies small delays."""
@@ -167,7 +169,7 @@ def clean_unit(series: ImuSeries, epoch: int, despike: bool = True) -> tuple[mat
     gyro, accel = series.gyro, series.accel
     bad = _spikes(gyro) | _spikes(accel) if despike else np.zeros(len(gyro), bool)
     bad[[0, -1]] = False
-    keep = ~bad
+    keep = ~bad if bad.any() else slice(None)  # nothing to leave out: no copy
     unit = matching.bridge(t[keep], gyro[keep], accel[keep])
     if series.instantaneous:
         means = matching.interval_means(unit.gyro), matching.interval_means(unit.accel)
@@ -287,7 +289,9 @@ def observe(paired: Paired, at: Linearisation) -> Observations:
 
 
 def _restarted(path: matching.Strapdown, start: FloatArray) -> matching.Strapdown:
-    """The same path with attitude ``start`` (3, 3) and zero velocity at its first instant."""
+    """The same path with attitude ``start`` (3, 3) and zero velocity at its first instant; itself if it has them."""
+    if not path.velocity[0].any() and np.array_equal(Rotation.from_matrix(start).as_quat(), path.attitude[0]):
+        return path
     turn = quaternions.multiply(Rotation.from_matrix(start).as_quat(), quaternions.conjugate(path.attitude[0]))
     attitude = quaternions.multiply(turn[None, :], path.attitude)
     return matching.Strapdown(path.t, attitude, quaternions.rotate(turn[None, :], path.velocity - path.velocity[0]))

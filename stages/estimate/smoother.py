@@ -17,13 +17,14 @@ from scipy.spatial.transform import Rotation
 from physics import quaternions
 from schemas.products import Alignment, Deformation, Estimate, FlexureModel, Innovations, Status
 from schemas.rig import FloatArray
-from schemas.trial import Trial
+from schemas.trial import IntArray, Trial
 from stages.estimate import model as m
 from stages.estimate.solve import Solution, solve, total_rotation
 
 CHANNELS = (
     "attitude x", "attitude y", "attitude z", "relative velocity x", "relative velocity y", "relative velocity z",
 )  # fmt: skip
+SLAB = 1 << 18  # samples whose covariance is worked out at a time
 WEAK_DELAY_S = 1e-3  # s, one sigma
 WEAK_SHARE = 0.7  # of the prior sigma: a parameter that kept more than this was not really seen
 
@@ -61,14 +62,15 @@ def _deformation(
     total = total_rotation(obs, x)[obs.good]
     static = _static(solution, x)[obs.good]
     # theta = Log(R Exp(-Phi)): the dynamic part acts after the static one.
-    dynamic = quaternions.multiply(total, quaternions.conjugate(static))
+    dynamic = quaternions.log(quaternions.multiply(total, quaternions.conjugate(static)))
+    total, static = quaternions.log(total), quaternions.log(static)
     parameters = _parameters(trial, solution)
     return Deformation(
         estimator=name,
         stamp=trial.epoch + np.rint(obs.t[obs.good] * 1e9).astype(np.int64),
-        total=quaternions.log(total),
-        static_part=quaternions.log(static),
-        dynamic_part=quaternions.log(dynamic),
+        total=total,
+        static_part=static,
+        dynamic_part=dynamic,
         covariance=_covariance(solution, P),
         alignment=_alignment(alignment, solution, parameters["time_delay"]),
         flexure=solution.flexure,
@@ -89,14 +91,22 @@ def _static(solution: Solution, x: FloatArray) -> FloatArray:
 def _covariance(solution: Solution, P: FloatArray) -> FloatArray:
     """(n, 3, 3) rad^2 of the total: J P J^T with J = [-A_m^T, omega_s, omega_s centred], good samples."""
     obs = solution.obs
-    t = obs.t[obs.good]
-    at_full_rate = obs.spread(P[:, :5, :5].reshape(-1, 25))[obs.good].reshape(-1, 5, 5)
+    good = np.flatnonzero(obs.good)
+    parts = [_covariance_at(solution, P, good[k : k + SLAB]) for k in range(0, len(good), SLAB)]
+    return np.concatenate(parts) * _inflation(solution)
+
+
+def _covariance_at(solution: Solution, P: FloatArray, rows: IntArray) -> FloatArray:
+    """Some rows of :func:`_covariance`: what it takes on the way there is several times as large as the answer."""
+    obs = solution.obs
+    t = obs.t[rows]
+    at_full_rate = obs.spread(P[:, :5, :5].reshape(-1, 25), t).reshape(-1, 5, 5)
     J = np.empty((len(t), 3, 5))
-    A_m = Rotation.from_quat(obs.main.attitude[obs.good]).as_matrix()
+    A_m = Rotation.from_quat(obs.main.attitude[rows]).as_matrix()
     J[:, :, :3] = -np.swapaxes(A_m, 1, 2)
-    J[:, :, 3] = obs.rates()[obs.good]
+    J[:, :, 3] = obs.spread(obs.rate_m, t)
     J[:, :, 4] = J[:, :, 3] * (t - 0.5 * (obs.t[0] + obs.t[-1]))[:, None]
-    full = J @ at_full_rate @ np.swapaxes(J, 1, 2) * _inflation(solution)
+    full = J @ at_full_rate @ np.swapaxes(J, 1, 2)
     return np.asarray(0.5 * (full + np.swapaxes(full, 1, 2)))
 
 

@@ -72,9 +72,7 @@ def solve(trial: Trial, alignment: Alignment, flexure: FlexureModel) -> Solution
     for _ in range(PILOT_ROUNDS):
         at, noise, flexure = job.after(job.round(observe(pilot, at), at, noise, flexure))
     noise = job.accelerometers(observe(pilot, at), at, noise)
-    solution = job.round(observe(paired, at), at, noise, flexure)
-    at, noise, flexure = job.after(solution)
-    noise = job.quasi_static(solution, noise)
+    at, noise, flexure = job.whole(observe(paired, at), at, noise, flexure)
     return job.settle(observe(paired, at), at, noise, flexure)
 
 
@@ -134,6 +132,14 @@ class Job:
         gyro_bias = solution.at.R_ref @ solution.at.gyro_bias + x[eps]
         noise = tuning.with_biases(noise, self.trial.rig, (gyro_bias, np.sqrt(P[eps])), (x[nabla], np.sqrt(P[nabla])))
         return _relinearised(solution, x), tuning.with_flexure(noise, solution.flexure), solution.flexure
+
+    def whole(
+        self, obs: Observations, at: Linearisation, noise: m.Noise, flexure: FlexureModel
+    ) -> tuple[Linearisation, m.Noise, FlexureModel]:
+        """A round on the whole record: what :meth:`after` says, and how strong slow bending is."""
+        solution = self.round(obs, at, noise, flexure)
+        at, noise, flexure = self.after(solution)
+        return at, self.quasi_static(solution, noise), flexure
 
     def quasi_static(self, solution: Solution, noise: m.Noise) -> m.Noise:
         """The density of slow bending that the gyros make most likely.

@@ -239,3 +239,16 @@ def test_a_rig_that_states_the_lever_arm_is_believed(idam) -> None:
     assert np.all(lever.std <= 1e-3)
     assert np.abs(lever.value - rig.lever_arm).max() < 3e-3
     assert lever.status in (Status.ESTIMATED, Status.WEAK)
+
+
+@pytest.mark.slow
+def test_slow_bending_does_not_pass_for_a_drift_of_the_heading() -> None:
+    """Heading bends by two arcminutes in the record. Were none of it admitted, a quarter would be taken for a gyro's
+    drift: an error that runs from one end to the other by more than twice its sigma.
+    """
+    slow = {"quasi_static_amplitude_arcmin": (0.0, 0.0, 2.0), "quasi_static_period": 7200.0}
+    run = estimated(*simulated(twin_of("td-ma", 1800.0, rate=25.0, flexure=slow), 1))
+    heading, sigma = run.error[:, 2], run.predicted[2]
+    tenth = len(heading) // 10
+    assert abs(heading[-tenth:].mean() - heading[:tenth].mean()) < 1.2 * sigma
+    assert any("quasi-static" in sentence for sentence in run.deformation.used)
