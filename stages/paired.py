@@ -18,12 +18,11 @@ from schemas.errors import DataError
 from schemas.products import Alignment, BoolArray
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial
+from stages.unfit import unfit
 
 STEP_S = 0.2  # s: z is free of noise at each instant, so a few hertz carry all there is
 LONG_RECORD_S = 3700.0  # s: beyond it the step is doubled, which halves time and memory
 SHORTEST_S = 10.0  # s
-SPIKE_SIGMA = 12.0  # of the local spread of second differences
-SPIKE_WINDOW = 101  # samples
 CARRIED_GAP_S = 0.1  # s: a longer gap is carried by the other unit, a shorter one by a straight line
 MARGIN_S = 2.0  # s: more than any delay that is looked for
 
@@ -144,30 +143,11 @@ def _cut_path(path: matching.Strapdown, begin: float, end: float) -> matching.St
     return matching.Strapdown(path.t[part], path.attitude[part], path.velocity[part])
 
 
-def _spikes(values: FloatArray) -> BoolArray:
-    """Samples that stand out of both neighbours by many local spreads, any axis."""
-    if len(values) < SPIKE_WINDOW:
-        return np.zeros(len(values), bool)
-    bend = np.zeros_like(values)
-    # Against the cubic through the four neighbours: waves and slamming pass, a single sample that stands out does not.
-    bend[2:-2] = values[2:-2] - (4.0 * (values[1:-3] + values[3:-1]) - values[:-4] - values[4:]) / 6.0
-    blocks = np.abs(bend[: len(bend) // SPIKE_WINDOW * SPIKE_WINDOW]).reshape(-1, SPIKE_WINDOW, values.shape[1])
-    local = 1.4826 * np.median(blocks, axis=1)
-    spread = np.repeat(np.maximum(local, np.median(local, axis=0)), SPIKE_WINDOW, axis=0)
-    spread = np.concatenate([spread, np.repeat(spread[-1:], len(values) - len(spread), axis=0)])
-    high = np.abs(bend) > SPIKE_SIGMA * spread + 1e-12
-    # A spike leaks two thirds of its height into its neighbours' bends; only the peaks are spikes.
-    found = np.zeros(len(values), bool)
-    for k, axis in np.argwhere(high):
-        found[k] |= abs(bend[k, axis]) >= np.abs(bend[max(k - 2, 0) : k + 3, axis]).max()
-    return found
-
-
 def clean_unit(series: ImuSeries, epoch: int, despike: bool = True) -> tuple[matching.Unit, int]:
-    """A unit without gaps and, unless told otherwise, spikes: both are bridged and marked as filled."""
+    """A unit without gaps and, unless told otherwise, clipped samples and spikes: all bridged and marked as filled."""
     t = np.asarray((series.stamp - epoch) * 1e-9, dtype=float)
     gyro, accel = series.gyro, series.accel
-    bad = _spikes(gyro) | _spikes(accel) if despike else np.zeros(len(gyro), bool)
+    bad = unfit(t, gyro, accel) if despike else np.zeros(len(gyro), bool)
     bad[[0, -1]] = False
     keep = ~bad if bad.any() else slice(None)  # nothing to leave out: no copy
     unit = matching.bridge(t[keep], gyro[keep], accel[keep])

@@ -150,11 +150,11 @@ class Fault(Enum):
         Refused((SUB, "constant on y", "the unit is dead")),
     )
     FROZEN_ACCELEROMETER = (log(on(SUB, ch.accel(ch.frozen(slice(1000, 1500))))), Answered((SUB, "frozen"), least=0.8))
-    SATURATED = (log(on(SUB, ch.gyro(ch.clipped(0.9)))), Answered((SUB, "saturated"), worst=(10.0, 20.0, 40.0)))
-    SATURATED_MUCH = (log(on(SUB, ch.gyro(ch.clipped(0.4)))), Answered((SUB, "saturated"), worst=(150.0, 150.0, 150.0)))
+    SATURATED = (log(on(SUB, ch.gyro(ch.clipped(0.9)))), Answered((SUB, "saturated")))
+    SATURATED_MUCH = (log(on(SUB, ch.gyro(ch.clipped(0.4)))), Refused(("no piece of 10 s without a gap",)))
     SPIKES = (log(on(SUB, ch.gyro(ch.spikes(15, 0.5)))), Answered((SUB, "stands out")))
     MANY_SPIKES = (
         log(on(SUB, ch.gyro(ch.spikes(200, 0.2)))),
-        Answered((SUB, "stands out"), least=0.85, worst=(10.0, 15.0, 30.0)),
+        Answered((SUB, "stands out"), least=0.85, worst=(20.0, 20.0, 30.0)),
     )
     SPIKES_IN_ACCELERATION = (log(on(MAIN, ch.accel(ch.spikes(15, 50.0)))), Answered((MAIN, "stands out")))
