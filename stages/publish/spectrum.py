@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.signal import welch
 
 from physics.interpolation import gap_starts
@@ -22,11 +23,23 @@ def longest_run(deformation: Deformation) -> slice:
     return slice(int(edges[best]), int(edges[best + 1]))
 
 
+def drawable(deformation: Deformation) -> tuple[FloatArray, float] | None:
+    """Flexure (n, 3) rad of the longest run and its rate, Hz; None where that is too short or shows no flexure."""
+    run = longest_run(deformation)
+    theta, stamp = deformation.dynamic_part[run], deformation.stamp[run]
+    if len(stamp) < MIN_SAMPLES or not np.isfinite(theta).all() or not np.ptp(theta):
+        return None
+    rate = 1e9 / float(np.median(np.diff(stamp)))
+    longest = max(min(SEGMENT * rate, len(theta) / 4), MIN_SAMPLES)
+    return (theta, rate) if 2 * rate / longest < HIGHEST else None
+
+
 def measured_spectrum(theta: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     """Frequency (k,) Hz and one-sided density (k, 3) rad^2/Hz of flexure (n, 3), Welch's method."""
     length = int(min(SEGMENT * rate, len(theta) / 4))
-    f, density = welch(theta, rate, nperseg=max(length, MIN_SAMPLES), axis=0, detrend="linear")
-    return f[1:], density[1:]
+    # Axis by axis, here and below: a transform takes several times the memory of its signal.
+    found = [welch(axis, rate, nperseg=max(length, MIN_SAMPLES), detrend="linear") for axis in theta.T]
+    return found[0][0][1:], np.stack([density for _, density in found], axis=1)[1:]
 
 
 def model_spectrum(f: FloatArray, model: FlexureModel) -> FloatArray:
@@ -38,10 +51,14 @@ def model_spectrum(f: FloatArray, model: FlexureModel) -> FloatArray:
 
 def measured_autocorrelation(theta: FloatArray, lags: int) -> FloatArray:
     """Autocorrelation (lags, 3) of flexure (n, 3), 1 at lag 0."""
-    n = len(theta)
-    spectrum = np.fft.rfft(theta - theta.mean(axis=0), 2 * n, axis=0)
-    raw = np.fft.irfft(np.abs(spectrum) ** 2, axis=0)[:lags]
+    size = next_fast_len(len(theta) + lags, real=True)  # products that wrap around do not reach these lags
+    raw = np.stack([_correlated(axis - axis.mean(), size)[:lags] for axis in theta.T], axis=1)
     return raw / np.where(raw[:1] > 0, raw[:1], 1.0)
+
+
+def _correlated(x: FloatArray, size: int) -> FloatArray:
+    spectrum = np.fft.rfft(x, size)
+    return np.fft.irfft(spectrum.real**2 + spectrum.imag**2, size)
 
 
 def model_autocorrelation(lag: FloatArray, model: FlexureModel) -> FloatArray:

@@ -18,8 +18,7 @@ from stages.publish.reference import reference_angles
 from stages.publish.spectrum import (
     HIGHEST,
     MAX_LAG,
-    MIN_SAMPLES,
-    longest_run,
+    drawable,
     measured_autocorrelation,
     measured_spectrum,
     model_autocorrelation,
@@ -157,12 +156,10 @@ def _error_plot(trial: Trial, d: Deformation, scores: Sequence[Score], i: int, x
 
 def spectrum_plots(deformation: Deformation) -> Html:
     """Per axis spectrum and autocorrelation of the flexure, measured and by the model; nothing for a short record."""
-    run = longest_run(deformation)
-    theta, stamp = deformation.dynamic_part[run], deformation.stamp[run]
-    if len(stamp) < MIN_SAMPLES or not np.isfinite(theta).all():
+    found = drawable(deformation)
+    if found is None:
         return join([])
-    rate = 1e9 / float(np.median(np.diff(stamp)))
-    return join([_densities(deformation, theta, rate), _correlations(deformation, theta, rate)])
+    return join([_densities(deformation, *found), _correlations(deformation, *found)])
 
 
 def _densities(d: Deformation, theta: FloatArray, rate: float) -> Html:

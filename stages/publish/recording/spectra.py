@@ -8,14 +8,13 @@ import rerun.blueprint as rrb
 
 from physics.units import ARCMIN
 from schemas.rig import FloatArray
-from stages.publish.axis import Axis
+from stages.publish.axis import Axis, decades_of
 from stages.publish.recording.chart import Chart, Curve, chart_view, log_chart
 from stages.publish.recording.scene import AXES, BLUE, GREY, ORANGE, Scene
 from stages.publish.spectrum import (
     HIGHEST,
     MAX_LAG,
-    MIN_SAMPLES,
-    longest_run,
+    drawable,
     measured_autocorrelation,
     measured_spectrum,
     model_autocorrelation,
@@ -27,12 +26,10 @@ HEIGHT = 125.0  # of the charts: three beside each other are narrow
 
 def log(rec: rr.RecordingStream, scene: Scene) -> None:
     """Per axis, spectrum and autocorrelation; nothing where the longest run is too short."""
-    d = scene.deformation
-    run = longest_run(d)
-    theta, stamp = d.dynamic_part[run], d.stamp[run]
-    if len(stamp) < MIN_SAMPLES or not np.isfinite(theta).all():
+    d, found = scene.deformation, drawable(scene.deformation)
+    if found is None:
         return
-    rate = 1e9 / float(np.median(np.diff(stamp)))
+    theta, rate = found
     f, density = measured_spectrum(theta, rate)
     lags = int(min(MAX_LAG * rate, len(theta) / 2))
     lag = np.arange(lags) / rate
@@ -44,10 +41,9 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
 
 
 def _density_chart(f: FloatArray, measured: FloatArray, model: FloatArray) -> Chart:
-    shown = (f <= HIGHEST) & (measured > 0)
+    shown = f <= HIGHEST
     f, measured, model = f[shown], measured[shown] / ARCMIN**2, model[shown] / ARCMIN**2
-    top = 10.0 ** np.ceil(np.log10(max(measured.max(), model.max())))
-    low = max(10.0 ** np.floor(np.log10(min(measured.min(), model.min()))), 1e-9 * top)
+    low, top = decades_of([measured, model])
     curves = [Curve(f, measured, BLUE, "measured", 1.5), Curve(f, model, ORANGE, "model", 2.0)]
     return Chart(
         Axis(float(f[0]), float(f[-1]), "frequency [Hz]", True),
@@ -64,7 +60,7 @@ def _correlation_chart(lag: FloatArray, measured: FloatArray, model: FloatArray)
         Curve(lag[::step], measured[::step], BLUE, "measured", 1.5),
         Curve(lag[::step], model[::step], ORANGE, "model", 2.0),
     ]
-    low = min(-0.4, float(min(measured.min(), model.min())) - 0.05)
+    low = min(-0.4, float(np.nanmin(np.concatenate([measured, model]))) - 0.05)
     return Chart(Axis(0.0, float(lag[-1]), "lag [s]"), Axis(low, 1.05, "correlation [1]"), curves, height=HEIGHT)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -240,3 +241,20 @@ def test_two_hours_at_full_rate_stay_small(tmp_path):
     write_recording(case.result, case.trial, case.truth, path)
     assert path.stat().st_size < 150e6
     assert len(run_page(case.result, case.trial).encode()) < 2e6
+
+
+@pytest.mark.parametrize("kind", ["zero", "nan", "fast", "short"])
+def test_odd_records_are_shown_all_the_same(kind, tmp_path):
+    """No flexure at all, none known, a record too short for its rate, and one of a few samples."""
+    duration, rate = {"fast": (1.0, 1000.0), "short": (2.0, 20.0)}.get(kind, (30.0, 20.0))
+    odd = synthetic.case(duration=duration, rate=rate, gap=None, with_phins=False, with_deck=False)
+    d = odd.result.deformation
+    value = {"zero": 0.0, "nan": np.nan}.get(kind)
+    if value is not None:
+        d = replace(d, dynamic_part=np.full_like(d.dynamic_part, value))
+    result = replace(odd.result, deformation=d)
+    trial = replace(odd.trial, gnss=None)
+    write_recording(result, trial, odd.truth, tmp_path / "odd.rrd")
+    assert "/deformation/estimate/x" in chunks(tmp_path / "odd.rrd")
+    page = run_page(result, trial)
+    assert not re.search(r'="[^"]*\bnan\b', page)
