@@ -91,7 +91,8 @@ def _exp_quaternion(x: float, y: float, z: float) -> tuple[float, float, float, 
 
 
 @njit(cache=True, nogil=True)
-def _rotate(q: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
+def turned(q: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A vector turned by a quaternion (4,), inside compiled loops."""
     tx = 2.0 * (q[1] * z - q[2] * y)
     ty = 2.0 * (q[2] * x - q[0] * z)
     tz = 2.0 * (q[0] * y - q[1] * x)
@@ -130,7 +131,7 @@ def _integrate(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[Floa
         sz += (phi[0] * cy - phi[1] * cx) / 24.0
         bx, by, bz, bw = _exp_quaternion(0.5 * phi[0], 0.5 * phi[1], 0.5 * phi[2])
         _multiply(q, bx, by, bz, bw, half)
-        vx, vy, vz = _rotate(half, sx, sy, sz)
+        vx, vy, vz = turned(half, sx, sy, sz)
         velocity[k, 0] = velocity[k - 1, 0] + vx
         velocity[k, 1] = velocity[k - 1, 1] + vy
         velocity[k, 2] = velocity[k - 1, 2] + vz

@@ -16,12 +16,13 @@ import numpy as np
 from physics.units import DEG_PER_HOUR
 from schemas.rig import FloatArray
 from stages.diagnose import whitening
-from stages.diagnose.baseline import Baseline, Nuisance
+from stages.diagnose.baseline import Baseline
+from stages.diagnose.nuisances import Nuisance
 from twin.effects._prediction import Signals, on_axis
 
 NAME = "gyro_bias_instability"
-FASTEST_S = 25.0  # shortest half period of the basis
-MOST_TERMS = 48
+FASTEST_S = 8.0  # shortest half period of the basis
+MOST_TERMS = 80
 TAUS_S = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 SIGMAS = tuple(0.02 * 1.5**k for k in range(22))  # deg/h
 PRICE = 6.0  # nats

@@ -13,14 +13,16 @@ import numpy as np
 
 from schemas.rig import FloatArray
 from stages.diagnose import whitening
-from stages.diagnose.baseline import Baseline, full_rate
+from stages.diagnose.baseline import Baseline
 from stages.diagnose.evidence import Gram, gram
 from stages.diagnose.latency import main_column, main_match
+from stages.diagnose.nuisances import full_rate
 from stages.diagnose.view import log_view
 from twin import effects
 from twin.effects._prediction import LogView
 
 PERIODS_TRIED = 4
+PRIOR_REACH = 2.0  # sigma of an effect's parameter over the largest of its declared range
 SHORTEST_PERIOD_S, LONGEST_PERIOD = 20.0, 4.0  # s; in lengths of the record
 DRIFT_WINDOW_S = 60.0  # s, over which theta is freed of the gyros' drift
 
@@ -101,9 +103,18 @@ def regressors(
     stacked = np.stack(raw, axis=2) if raw else np.zeros((len(base.t), 9, 0))
     white = np.concatenate([base.columns, whitening.whiten_columns(base.whitened, stacked)], axis=2)
     values, white = _with_main(base, view, white, groups)
-    precision = np.concatenate([base.precision, np.zeros(len(columns_of))])
+    precision = np.concatenate([base.precision, [_precision(label) for label in columns_of]])
     found = gram([*own, *columns_of], white, values, base.t, precision)
     return Regressors(tuple(groups), found, tuple(own), white, untestable)
+
+
+def _precision(label: str) -> float:
+    """Of the prior that no parameter is far beyond its declared range; none for the column of a period."""
+    name, parameter = label.split("|")[:2]
+    if parameter == "period":
+        return 0.0
+    declared = {item.name: item for item in effects.get(name).parameters()}
+    return 1.0 / (PRIOR_REACH * declared[parameter.partition(".")[0]].prior[1]) ** 2
 
 
 def _with_main(

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from schemas.errors import DataError
 from schemas.products import Alignment
 from schemas.rig import FloatArray
 from schemas.trial import Trial
@@ -34,7 +33,7 @@ from twin.effects._change import section
 
 MEAN = tuple(name for name in effects.names() if effects.get(name).predict.__func__ is not Effect.predict.__func__)  # type: ignore[attr-defined]
 MOST = 4  # effects named in one log
-NEGLIGIBLE = 1e-4  # of the first one's evidence: later picks below it are what linearisation leaves
+NEGLIGIBLE = 5e-4  # of the first one's evidence: later picks below it are what linearisation leaves
 NULL_DRAWS = 100
 KEPT_SHARE = 0.8  # of the threshold, below which a pick is dropped again beside the others
 PERIOD_ROUNDS = 4
@@ -346,7 +345,7 @@ def _finished(
 
 
 def built(group: Group, value: FloatArray) -> Effect:
-    """An effect from the values of a group's columns; DataError where they are beyond what makes sense."""
+    """An effect from the values of a group's columns, held to what makes sense."""
     parameters: dict[str, Any] = dict(group.shape)
     for name, number in zip(group.parameters, value):
         owner, _, axis = name.partition(".")
@@ -354,11 +353,10 @@ def built(group: Group, value: FloatArray) -> Effect:
             parameters.setdefault(owner, {})[axis] = float(number)
         else:
             parameters[owner] = float(number)
-    try:
-        return effects.build(group.effect, parameters)
-    except DataError:
-        least = {item.name: item for item in effects.get(group.effect).parameters()}
-        for key, item in least.items():
-            if isinstance(parameters.get(key), float):
-                parameters[key] = float(np.clip(parameters[key], item.least, item.most))
-        return effects.build(group.effect, parameters)
+    for item in effects.get(group.effect).parameters():  # a trial value may lie beyond what makes sense
+        stated = parameters.get(item.name)
+        if isinstance(stated, dict):
+            parameters[item.name] = {axis: float(np.clip(v, item.least, item.most)) for axis, v in stated.items()}
+        elif stated is not None:
+            parameters[item.name] = float(np.clip(stated, item.least, item.most))
+    return effects.build(group.effect, parameters)

@@ -1,0 +1,156 @@
+"""Noise levels of the baseline, by likelihood of the log less its nuisances: a factor at a time, ever finer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from physics.kalman import SparseModel, run_filter
+from schemas.rig import FloatArray
+from stages.diagnose import whitening
+from stages.diagnose.evidence import solve
+from stages.diagnose.nuisances import Nuisance
+from stages.diagnose.whitening import Levels, PhinsMatch, Whitened
+from stages.paired import Linearisation, Observations
+
+PILOT_S = 400.0  # of record on which noise is found
+PER_STEP = (
+    "index", "dt", "jump_s", "gap_end", "z", "u", "A_start", "A_end", "A_mid", "omega", "rate_m", "force_i", "force_m",
+    "centred",
+)  # fmt: skip
+FACTORS = ((0.05, 20.0), (0.2, 5.0), (0.4, 2.5), (0.6, 1.6), (0.8, 1.25))  # tried on each noise level, round by round
+STATES = np.zeros(0, dtype=np.int64)
+
+Factors = tuple[float, ...]
+Change = Callable[[Levels, FloatArray], Levels]
+
+
+@dataclass(frozen=True)
+class Tuner:
+    """A log about one linearisation with its nuisances: whitens it at given levels, and finds the levels."""
+
+    obs: Observations
+    at: Linearisation
+    match: PhinsMatch | None
+    nuisances: tuple[Nuisance, ...]
+
+    @property
+    def raw(self) -> FloatArray:
+        """(N, 9, K), the nuisances' columns."""
+        return np.stack([n.column for n in self.nuisances], axis=2)
+
+    @property
+    def precision(self) -> FloatArray:
+        """(K,) of their priors."""
+        return np.array([1.0 / n.sigma**2 for n in self.nuisances])
+
+    def whitened(self, levels: Levels) -> tuple[Whitened, FloatArray]:
+        """Innovations and nuisances, both scaled so that what the nuisances leave has unit variance per channel."""
+        found = whitening.whiten(self._model(levels), self.obs)
+        left = residual(found, whitening.whiten_columns(found, self.raw), self.precision)
+        found = whitening.rescaled(found, left)
+        return found, whitening.whiten_columns(found, self.raw)
+
+    def _model(self, levels: Levels) -> SparseModel:
+        return whitening.build(self.obs, levels, self.at.coupling, self.match)
+
+    def tuned(self, levels: Levels, rounds: Sequence[Factors]) -> Levels:
+        """All noise by likelihood of the middle of the log less its nuisances."""
+        pilot = self._pilot()
+        for factors in rounds:
+            found, columns = pilot.whitened(levels)
+            levels = pilot._less(_fit(found, columns, self.precision)).climbed(levels, factors)
+        return levels
+
+    def _pilot(self) -> Tuner:
+        """The middle of a long record."""
+        t = self.obs.t[self.obs.index]
+        if t[-1] - t[0] <= 1.5 * PILOT_S:
+            return self
+        middle = 0.5 * (t[0] + t[-1])
+        part = slice(*np.searchsorted(t, [middle - 0.5 * PILOT_S, middle + 0.5 * PILOT_S]))
+        cut = {name: getattr(self.obs, name)[part] for name in PER_STEP}
+        match = self.match and PhinsMatch(self.match.q[part], self.match.C[part], self.match.count[part])
+        nuisances = tuple(replace(n, column=n.column[part]) for n in self.nuisances)
+        return replace(self, obs=replace(self.obs, **cut), match=match, nuisances=nuisances)
+
+    def _less(self, value: FloatArray) -> Tuner:
+        """The same with the nuisances' fit taken off the observations."""
+        off = self.raw @ value
+        obs = replace(self.obs, z=self.obs.z - off[:, :3], u=self.obs.u - off[:, 3:6])
+        match = None if self.match is None else replace(self.match, q=self.match.q - off[:, 6:9])
+        return replace(self, obs=obs, match=match)
+
+    def climbed(self, levels: Levels, factors: Factors) -> Levels:
+        """One round over all levels, a factor at a time; axes apart where they have levels of their own."""
+        changes: list[Change] = [_jitter, _velocity, _colour, _accel, _colour_tau]
+        if self.match is not None:
+            changes += [_white, _drift, _tau]
+        tried = np.array([1.0, *factors])
+        now = self.channels(levels)
+        for change in changes:
+            told = np.stack([now, *(self.channels(change(levels, np.full(3, f))) for f in factors)])
+            if change in PER_AXIS:
+                chosen = tried[np.argmax(told[:, 3:6], axis=0)]
+            else:
+                chosen = np.full(3, tried[int(np.argmax(told.sum(axis=1)))])
+            if np.any(chosen != 1.0):
+                levels = change(levels, chosen)
+                now = self.channels(levels)
+        return levels
+
+    def channels(self, levels: Levels) -> FloatArray:
+        """(9,) log-likelihood of the innovations of each channel."""
+        found = run_filter(self._model(levels), STATES, keep=False)
+        S = found.innovation_variance
+        return np.asarray(-0.5 * np.nansum(np.log(S) + found.innovation**2 / S, axis=0))
+
+
+def _jitter(levels: Levels, factor: FloatArray) -> Levels:
+    jitter = np.maximum(factor * levels.noise.jitter, 1e-8)
+    return replace(levels, noise=replace(levels.noise, jitter=jitter))
+
+
+def _velocity(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, noise=replace(levels.noise, velocity=np.maximum(factor * levels.noise.velocity, 1e-8)))
+
+
+def _accel(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, noise=replace(levels.noise, accel=float(factor[0]) * levels.noise.accel))
+
+
+def _colour(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, colour=replace(levels.colour, std=np.maximum(factor * levels.colour.std, 1e-7)))
+
+
+def _colour_tau(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, colour=replace(levels.colour, tau=float(np.clip(factor[0] * levels.colour.tau, 0.3, 100.0))))
+
+
+def _white(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, phins=replace(levels.phins, white=float(factor[0]) * levels.phins.white))
+
+
+def _drift(levels: Levels, factor: FloatArray) -> Levels:
+    return replace(levels, phins=replace(levels.phins, drift=factor[0] * levels.phins.drift))
+
+
+def _tau(levels: Levels, factor: FloatArray) -> Levels:
+    phins, f = levels.phins, float(factor[0])
+    return replace(levels, phins=replace(phins, tau=f * phins.tau, drift=np.sqrt(f) * phins.drift))
+
+
+PER_AXIS = (_jitter, _velocity, _colour)
+
+
+def _fit(whitened: Whitened, columns: FloatArray, precision: FloatArray) -> FloatArray:
+    ok = np.isfinite(whitened.values)
+    Z = np.column_stack([columns[ok], whitened.values[ok]])
+    return solve(Z.T @ Z, precision, range(columns.shape[2])).value
+
+
+def residual(whitened: Whitened, columns: FloatArray, precision: FloatArray) -> FloatArray:
+    """(N, m) innovations less the nuisances' fit, NaN where masked."""
+    return np.asarray(whitened.values - columns @ _fit(whitened, columns, precision))

@@ -1,0 +1,141 @@
+"""Nuisances: what a twin may be wrong about without there being a gap, as regressors with priors.
+
+Biases, static angle, PHINS installation, the amplitude of slow bending, and how flexure moves the lever arm, which is a
+property of the ship and in no twin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import butter, lfilter, sosfiltfilt
+from scipy.spatial.transform import Rotation
+
+from physics import quaternions
+from physics.units import ARCMIN, DEG_PER_HOUR, MICRO_G
+from schemas.rig import FloatArray
+from stages.diagnose.columns import Response, trapezoid_means
+from stages.diagnose.view import Believed
+from stages.paired import Linearisation, Observations
+from twin.effects._prediction import Signals, on_axis
+
+GYRO_BIAS = 0.05 * DEG_PER_HOUR  # how far a twin's figure may be off without being a gap, one sigma
+ACCEL_BIAS = 50.0 * MICRO_G
+STATIC = 5.0 * ARCMIN
+INSTALLATION = 2.0 * ARCMIN
+IMPULSE = 0.01  # rad
+SLOW_SHARE = 0.1  # of the quasi-static amplitude
+COUPLING_SHARE = 0.1  # of the lever arm
+LAGGING_HZ = (0.5, 2.0, 8.0)
+IN_PHASE_HZ = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0)
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """A regressor (N, 9) with the standard deviation of its prior."""
+
+    name: str
+    column: FloatArray
+    sigma: float
+
+
+def believed_nuisances(obs: Observations, at: Linearisation, response: Response) -> tuple[Nuisance, ...]:
+    """Those of every log: constants, and how flexure moves the lever arm."""
+    one = np.ones(len(obs.t))
+    kinds: tuple[tuple[str, Callable[[FloatArray], Signals], float], ...] = (
+        ("gyro bias", lambda x: Signals(gyro=x), GYRO_BIAS),
+        ("accel bias", lambda x: Signals(accel=x), ACCEL_BIAS),
+        ("static", lambda x: Signals(mount=x), STATIC),
+        ("installation", lambda x: Signals(phins=x), INSTALLATION),
+    )
+    constants = [
+        Nuisance(f"{kind} {'xyz'[axis]}", response(signals(on_axis(axis, one))), sigma)
+        for kind, signals, sigma in kinds
+        for axis in range(3)
+    ]
+    return (*constants, *_couplings(obs, at))
+
+
+def _couplings(obs: Observations, at: Linearisation) -> list[Nuisance]:
+    """How flexure moves the lever arm: each element of B, and each column's share above a corner frequency.
+
+    The lever follows flexure only below some frequency, with a lag or without: what it lacks is a mixture of
+    ``theta - LP(theta)`` over corners, with first-order filters of either kind.
+    """
+    theta = full_rate(obs, at.R_ref)
+    size = COUPLING_SHARE * max(float(np.linalg.norm(at.lever_arm)), 1.0)
+    moved = _moved(obs, theta)
+    out = [
+        Nuisance(f"coupling {'xyz'[i]}{'xyz'[j]}", _on_u(moved(theta, np.eye(3)[i][:, None] * np.eye(3)[j])), size)
+        for i in range(3)
+        for j in range(3)
+    ]
+    step = float(np.median(np.diff(obs.t)))
+    for kind, corners in (("lagging", LAGGING_HZ), ("in phase", IN_PHASE_HZ)):
+        for corner in corners:
+            lost = _low_pass(theta, min(corner * step, 0.45), kind == "in phase") - theta
+            for j in range(3):
+                column = _on_u(moved(lost, at.coupling[:, [j]] * np.eye(3)[j]))
+                out.append(Nuisance(f"lever {kind} {corner:g} Hz {'xyz'[j]}", column, 1.0))
+    return out
+
+
+def full_rate(obs: Observations, R_ref: FloatArray) -> FloatArray:
+    """(n, 3) rad, Log(Y R_ref^T) at the samples."""
+    back = quaternions.exp(-Rotation.from_matrix(R_ref).as_rotvec())
+    Y = quaternions.multiply(quaternions.conjugate(obs.main.attitude), obs.sub.attitude)
+    return quaternions.log(quaternions.multiply(Y, back[None, :]))
+
+
+def _moved(obs: Observations, theta: FloatArray) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Velocity (N, 3) that a displacement B angle (n, 3) of the lever arm shows in u."""
+
+    def velocity(angle: FloatArray, B: FloatArray) -> FloatArray:
+        moved = angle @ B.T
+        out = np.cross(obs.omega, trapezoid_means(moved, obs.index))
+        at_steps = moved[obs.index]
+        out[1:] += np.diff(at_steps, axis=0) / obs.dt[1:, None]
+        return out
+
+    return velocity
+
+
+def _low_pass(x: FloatArray, corner: float, in_phase: bool) -> FloatArray:
+    """Corner as a share of the rate: first order and lagging, or second-order Butterworth from either side."""
+    start = x[0]
+    if in_phase:
+        sos = butter(2, 2.0 * corner, output="sos")
+        return np.asarray(sosfiltfilt(sos, x - start, axis=0) + start)
+    a = np.exp(-2.0 * np.pi * corner)
+    return np.asarray(lfilter([1.0 - a], [1.0, -a], x - start, axis=0) + start)
+
+
+def _on_u(u: FloatArray) -> FloatArray:
+    return np.hstack([np.zeros_like(u), u, np.zeros_like(u)])
+
+
+def slow_bending(source: Believed, response: Response) -> list[Nuisance]:
+    """Its amplitude and phase are never exactly the twin's."""
+    belief, out = source.twin.flexure, []
+    phase = 2.0 * np.pi * response.obs.t / belief.quasi_static_period
+    for axis, amplitude in enumerate(belief.quasi_static_amplitude_arcmin):
+        if amplitude:
+            for name, wave in (("sine", np.sin(phase)), ("cosine", np.cos(phase))):
+                bending = response(Signals(bending=on_axis(axis, wave)))
+                sigma = SLOW_SHARE * abs(amplitude) * ARCMIN
+                out.append(Nuisance(f"slow bending {name} {'xyz'[axis]}", bending, sigma))
+    return out
+
+
+def impulses(times: Sequence[float], response: Response) -> list[Nuisance]:
+    """A single false gyro sample at each time, rad about each axis."""
+    t, out = response.obs.t, []
+    for time in times:
+        k = int(np.argmin(np.abs(t - time)))
+        for axis in range(3):
+            one = np.zeros((len(t), 3))
+            one[k, axis] = 1.0 / response.dt[k]
+            out.append(Nuisance(f"impulse {time:.2f} s {'xyz'[axis]}", response(Signals(gyro=one)), IMPULSE))
+    return out
