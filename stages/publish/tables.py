@@ -68,8 +68,11 @@ def deformation_table(deformation: Deformation, frame: str) -> Table:
 
 def flat_covariance(covariance: FloatArray) -> FloatArray:
     """(n, 9) row-major of (n, 3, 3); first element -1 (the rest 0) where it is unknown."""
-    flat = covariance.reshape(-1, 9).copy()
-    flat[~np.isfinite(flat).all(axis=1)] = [-1.0] + [0.0] * 8
+    flat = covariance.reshape(-1, 9)
+    unknown = np.flatnonzero(~np.isfinite(flat).all(axis=1))
+    if len(unknown):
+        flat = flat.copy()
+        flat[unknown] = [-1.0] + [0.0] * 8
     return flat
 
 

@@ -96,7 +96,7 @@ def send_band(
 
 
 def _with_variance(stamp: IntArray, values: FloatArray, three_sigma: FloatArray) -> tuple[IntArray, FloatArray]:
-    return break_gaps(stamp, drawn(np.hstack([values, np.nan_to_num(three_sigma) ** 2])))
+    return break_gaps(stamp, np.hstack([drawn(values), drawn(np.nan_to_num(three_sigma) ** 2)]))
 
 
 def _band(
@@ -188,12 +188,12 @@ def times_of(stamp: IntArray, epoch: int | None) -> list[rr.TimeColumn]:
 
 def _slices(stamp: IntArray, values: FloatArray):  # type: ignore[no-untyped-def]
     for start in range(0, len(stamp), SLICE):
-        yield np.ascontiguousarray(stamp[start : start + SLICE]), values[start : start + SLICE]
+        yield np.ascontiguousarray(stamp[start : start + SLICE]), values[start : start + SLICE].astype(float)
 
 
 def drawn(values: FloatArray) -> FloatArray:
     """Values to the seven digits of single precision: the file compresses better and no eye sees the rest."""
-    return np.asarray(values, dtype=float).astype(np.float32).astype(float)
+    return np.asarray(values).astype(np.float32)
 
 
 def break_gaps(stamp: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
