@@ -17,6 +17,7 @@ import numpy as np
 
 from physics.units import ARCMIN, DEG_PER_SQRT_HOUR
 from schemas.diagnosis import Finding, ParameterEstimate, Parameters, Place, Spectrum
+from schemas.products import BoolArray
 from schemas.rig import FloatArray
 from stages.diagnose import spectral_lines
 from stages.diagnose.candidate import FLOOR_NATS, Candidate
@@ -119,14 +120,20 @@ def pictures(before: FullRateResidual, after: FullRateResidual, joint: JointFit)
         power = [_mean_power(one, axis) * scale for one in (seen, left)]
         expected = joint.whole.model.spectrum(joint.whole.x, axis, [0.5])[0] * scale
         frequency = seen.grid.frequency
-        power[1] = np.interp(frequency, left.grid.frequency, power[1])
+        power = [np.interp(frequency, one.grid.frequency[_counted(one)], values[_counted(one)])
+                 for one, values in zip((seen, left), power)]  # fmt: skip
         expected = np.interp(frequency, joint.whole.model.grid.frequency, expected)
         out.append(Spectrum("sub.gyro", letter, frequency, power[0], power[1], expected, "(rad/s)²/Hz"))
     return tuple(out)
 
 
+def _counted(data: Spectra) -> BoolArray:
+    """Bins (k,) that count."""
+    return np.asarray(data.count.sum(axis=(0, 1)) > 0.0)
+
+
 def _mean_power(data: Spectra, axis: int) -> FloatArray:
-    weight = data.count / data.count.sum(axis=(0, 1))
+    weight = data.count / np.maximum(data.count.sum(axis=(0, 1)), 1e-300)
     return np.asarray((data.power[..., axis, axis].real * weight).sum(axis=(0, 1)))
 
 
