@@ -22,6 +22,7 @@ CONFIRMED = 2.0
 MISSED = 0.02  # share of the trial without an estimate from which on the reader is told
 COARSE = 1.0  # predicted sigma over the flexure's own: above it, the flexure of that axis is not seen
 SURPRISE = 8.0  # sigma of a single innovation that no noise explains
+DISAGREED = "disagreed"  # the word by which estimators say that two of their own sensors contradict each other
 EARLY = 10.0  # s, in which a filter may still be surprised by its start
 
 
@@ -58,8 +59,10 @@ class Verdict:
 
 def verdict(result: Result, trial: Trial) -> Verdict:
     """Judge a result by its covariance, references, innovations, coverage and status."""
-    bad = [*_contradictions(result), *_unknown(result), *_surprises(result)]
-    care = [*_coverage(result, trial), *_unused(result), *_coarse(result), *_weak(result), *_repaired(trial)]
+    unused = _unused(result)
+    torn = [] if result.scores else [line for line in unused if DISAGREED in line]
+    bad = [*_contradictions(result), *_unknown(result), *_surprises(result), *torn]
+    care = [*_coverage(result, trial), *(line for line in unused if line not in torn), *_coarse(result), *_weak(result), *_repaired(trial)]
     grade = Grade.BAD if bad else Grade.CARE if care else Grade.GOOD
     return Verdict(grade, _found(result), _sure(result), (*bad, *care))
 

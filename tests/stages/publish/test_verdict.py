@@ -70,6 +70,15 @@ def test_weak_values_and_unused_sensors_ask_for_care(case):
     assert "clock" not in found.found
 
 
+def test_sensors_that_contradict_each_other_need_another_source_to_be_believed(case):
+    d = replace(case.result.deformation, used=("gyros", "specific force: not used, it disagreed with the gyros"))
+    confirmed = verdict(replace(case.result, deformation=d), case.trial)
+    alone = verdict(replace(case.result, deformation=d, scores=()), case.trial)
+    assert confirmed.grade is Grade.CARE
+    assert alone.grade is Grade.BAD
+    assert alone.reasons == confirmed.reasons == ("specific force: not used, it disagreed with the gyros",)
+
+
 def test_surprise_is_placed_in_time():
     t = np.arange(0.0, 300.0, 0.2)
     values = np.random.default_rng(1).standard_normal((len(t), 2))
