@@ -62,7 +62,13 @@ def verdict(result: Result, trial: Trial) -> Verdict:
     unused = _unused(result)
     torn = [] if result.scores else [line for line in unused if DISAGREED in line]
     bad = [*_contradictions(result), *_unknown(result), *_surprises(result), *torn]
-    care = [*_coverage(result, trial), *(line for line in unused if line not in torn), *_coarse(result), *_weak(result), *_repaired(trial)]
+    care = [
+        *_coverage(result, trial),
+        *(line for line in unused if line not in torn),
+        *_coarse(result),
+        *_weak(result),
+        *_repaired(trial),
+    ]
     grade = Grade.BAD if bad else Grade.CARE if care else Grade.GOOD
     return Verdict(grade, _found(result), _sure(result), (*bad, *care))
 
