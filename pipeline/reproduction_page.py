@@ -13,7 +13,7 @@ from schemas.experiment import Figure, Part, Values
 from stages.publish.document import table
 
 OURS = ("smoother", "spline")
-ERRORS = ("RMS", "error", "mean error", "flexure")  # what quantities that are errors begin with
+ERRORS = ("RMS", "error", "mean error", "flexure", "ratio", "its own")  # what quantities begin with that are errors
 HEAD = """# Published experiments, run again
 
 Made by `deckflex reproduce all`, from measured figures alone; run it again to make it anew. The same version, seeds
@@ -82,7 +82,7 @@ def _listed(figures: Sequence[Figure]) -> str:
     columns: Mapping[str, list[str]] = {
         "case": [f.case for f in figures],
         "method": [f"`{f.method}`" for f in figures],
-        "quantity": [f"{f.quantity} [{f.unit}]" for f in figures],
+        "quantity": [f"{f.quantity} [{f.unit}]" if f.unit else f.quantity for f in figures],
         "measured": [measured(f) for f in figures],
         "n": [str(f.n) for f in figures],
         "published": [shown(f.printed.value, 5) if f.printed else "" for f in figures],
@@ -120,8 +120,17 @@ def _ratio(values: Values, over: Values | None) -> str:
 
 def _notes(figures: Sequence[Figure]) -> list[str]:
     said = dict.fromkeys(f"{figure.method}: {figure.note}." for figure in figures if figure.note)
-    said |= dict.fromkeys(f"Limit: {figure.limit.where} ({figure.method})." for figure in figures if figure.limit)
+    said |= dict.fromkeys(_limits(figures))
     return ["\n".join(f"- {note}" for note in said)] if said else []
+
+
+def _limits(figures: Sequence[Figure]) -> list[str]:
+    """What each limit is that of, in the order of the limits, the whole one before those like it."""
+    methods: dict[str, dict[str, None]] = {}
+    for figure in sorted(figures, key=lambda f: f.method not in OURS):
+        if figure.limit:
+            methods.setdefault(figure.limit.where, {})[f"`{figure.method}`"] = None
+    return [f"Limit of {', '.join(names)}: {where}." for where, names in methods.items()]
 
 
 def _grids(figures: Sequence[Figure]) -> str:
