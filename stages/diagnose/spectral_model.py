@@ -29,7 +29,7 @@ from twin.effects.gyro_bandwidth import GyroBandwidth
 NUISANCES = 10
 FLEXURE, NOISE = slice(0, 9), 9
 DAMPING, STIFFNESS, STD = slice(0, 3), slice(3, 6), slice(6, 9)
-TOLERANCE = np.log([1.4] * 3 + [1.55] * 3 + [1.2] * 3 + [1.08])  # of mu, b^2, sigma, sub-IMU's ARW; factors either way
+TOLERANCE = np.log([1.4] * 3 + [1.55] * 3 + [1.2] * 3 + [1.1])  # of mu, b^2, sigma, sub-IMU's ARW; factors either way
 RELEASED = 4.0  # natural log, either way, of a nuisance that an effect releases
 WIDE = 1.5  # natural-log standard deviation of the weak prior on a released nuisance
 RELEASES = {"flexure_parameters": FLEXURE, "gyro_random_walk": slice(NOISE, NOISE + 1)}
