@@ -6,7 +6,7 @@ each step of the velocity of the sub-IMU relative to the main one in m-axes, ``u
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,7 @@ from stages.unfit import unfit
 STEP_S = 0.2  # s: z is free of noise at each instant, so a few hertz carry all there is
 LONG_RECORD_S = 3700.0  # s: beyond it the step is doubled, which halves time and memory
 SHORTEST_S = 10.0  # s
+SLAB = 1 << 18  # samples
 CARRIED_GAP_S = 0.1  # s: a longer gap is carried by the other unit, a shorter one by a straight line
 MARGIN_S = 2.0  # s: more than any delay that is looked for
 
@@ -111,10 +112,22 @@ class Observations:
 
     def total(self, d: FloatArray, delay: FloatArray) -> FloatArray:
         """(n, 4) ``Exp(-A_m^T d + omega_s delay) Y``: R_m_s, given d (N, 3) and delay (N,), s, at the steps."""
-        to_m = quaternions.conjugate(self.main.attitude)
-        correction = self.rates() * self.spread(delay[:, None]) - quaternions.rotate(to_m, self.spread(d))
-        Y = quaternions.multiply(to_m, self.sub.attitude)
+        total = np.empty_like(self.main.attitude)
+        for part in slabs(len(self.t)):
+            total[part] = self.total_at(part, d, delay)
+        return total
+
+    def total_at(self, rows: slice | IntArray, d: FloatArray, delay: FloatArray) -> FloatArray:
+        """Some rows of :meth:`total`."""
+        to_m, t = quaternions.conjugate(self.main.attitude[rows]), self.t[rows]
+        turned = quaternions.rotate(to_m, self.spread(d, t))
+        correction = self.spread(self.rate_m, t) * self.spread(delay[:, None], t) - turned
+        Y = quaternions.multiply(to_m, self.sub.attitude[rows])
         return quaternions.multiply(quaternions.exp(correction), Y)
+
+    def rates(self) -> FloatArray:
+        """(n, 3) rad/s, rate of the main IMU at the samples, linear between steps: it multiplies small delays."""
+        return self.spread(self.rate_m)
 
     def spread(self, x: FloatArray, at: FloatArray | None = None) -> FloatArray:
         """(n, c) at full rate, or at times ``at``, of values (N, c) at the steps: linear, but held on either side of a
@@ -128,9 +141,10 @@ class Observations:
         order = np.argsort(nodes, kind="stable")
         return np.stack([np.interp(at, nodes[order], column) for column in values[order].T], axis=1)
 
-    def rates(self) -> FloatArray:
-        """(n, 3) rad/s, rate of the main IMU at the samples, linear between steps: it multiplies small delays."""
-        return self.spread(self.rate_m)
+
+def slabs(n: int) -> Iterator[slice]:
+    """n rows by SLAB: what is worked out of them on the way is many times as large as they are."""
+    return (slice(k, min(k + SLAB, n)) for k in range(0, n, SLAB))
 
 
 def _cut_unit(unit: matching.Unit, begin: float, end: float) -> matching.Unit:
@@ -273,8 +287,9 @@ def _restarted(path: matching.Strapdown, start: FloatArray) -> matching.Strapdow
     if not path.velocity[0].any() and np.array_equal(Rotation.from_matrix(start).as_quat(), path.attitude[0]):
         return path
     turn = quaternions.multiply(Rotation.from_matrix(start).as_quat(), quaternions.conjugate(path.attitude[0]))
-    attitude = quaternions.multiply(turn[None, :], path.attitude)
-    return matching.Strapdown(path.t, attitude, quaternions.rotate(turn[None, :], path.velocity - path.velocity[0]))
+    attitude = path.attitude @ quaternions.multiply(turn, np.eye(4))
+    velocity = (path.velocity - path.velocity[0]) @ Rotation.from_quat(turn).as_matrix().T
+    return matching.Strapdown(path.t, attitude, velocity)
 
 
 def _per_step(

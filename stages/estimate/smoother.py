@@ -19,12 +19,12 @@ from schemas.products import Alignment, Deformation, Estimate, FlexureModel, Inn
 from schemas.rig import FloatArray
 from schemas.trial import IntArray, Trial
 from stages.estimate import model as m
-from stages.estimate.solve import Solution, solve, total_rotation
+from stages.estimate.solve import Solution, solve
+from stages.paired import slabs
 
 CHANNELS = (
     "attitude x", "attitude y", "attitude z", "relative velocity x", "relative velocity y", "relative velocity z",
 )  # fmt: skip
-SLAB = 1 << 18  # samples whose covariance is worked out at a time
 WEAK_DELAY_S = 1e-3  # s, one sigma
 WEAK_SHARE = 0.7  # of the prior sigma: a parameter that kept more than this was not really seen
 
@@ -59,11 +59,12 @@ def _deformation(
     name: str, trial: Trial, alignment: Alignment, solution: Solution, x: FloatArray, P: FloatArray
 ) -> Deformation:
     obs = solution.obs
-    total = total_rotation(obs, x)[obs.good]
-    static = _static(solution, x)[obs.good]
-    # theta = Log(R Exp(-Phi)): the dynamic part acts after the static one.
-    dynamic = quaternions.log(quaternions.multiply(total, quaternions.conjugate(static)))
-    total, static = quaternions.log(total), quaternions.log(static)
+    rows = np.flatnonzero(obs.good)
+    total, static, dynamic = (np.empty((len(rows), 3)) for _ in range(3))
+    covariance = np.empty((len(rows), 3, 3))
+    for part in slabs(len(rows)):
+        total[part], static[part], dynamic[part] = _angles(solution, x, rows[part])
+        covariance[part] = _covariance(solution, P, rows[part])
     parameters = _parameters(trial, solution)
     return Deformation(
         estimator=name,
@@ -71,7 +72,7 @@ def _deformation(
         total=total,
         static_part=static,
         dynamic_part=dynamic,
-        covariance=_covariance(solution, P),
+        covariance=covariance,
         alignment=_alignment(alignment, solution, parameters["time_delay"]),
         flexure=solution.flexure,
         innovations=_innovations(solution),
@@ -80,24 +81,19 @@ def _deformation(
     )
 
 
-def _static(solution: Solution, x: FloatArray) -> FloatArray:
-    """(n, 4) Exp(Phi) at full rate."""
+def _angles(solution: Solution, x: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Log R_m_s, Phi and theta (k, 3) at the samples ``rows``."""
     obs = solution.obs
-    phi = obs.spread(x[:, 5:8])
+    total = obs.total_at(rows, x[:, :3], x[:, 3] + x[:, 4] * obs.centred)
     reference = Rotation.from_matrix(solution.at.R_ref).as_quat()
-    return quaternions.multiply(quaternions.exp(phi), reference[None, :])
+    static = quaternions.multiply(quaternions.exp(obs.spread(x[:, 5:8], obs.t[rows])), reference[None, :])
+    # theta = Log(R Exp(-Phi)): the dynamic part acts after the static one.
+    dynamic = quaternions.multiply(total, quaternions.conjugate(static))
+    return quaternions.log(total), quaternions.log(static), quaternions.log(dynamic)
 
 
-def _covariance(solution: Solution, P: FloatArray) -> FloatArray:
-    """(n, 3, 3) rad^2 of the total: J P J^T with J = [-A_m^T, omega_s, omega_s centred], good samples."""
-    obs = solution.obs
-    good = np.flatnonzero(obs.good)
-    parts = [_covariance_at(solution, P, good[k : k + SLAB]) for k in range(0, len(good), SLAB)]
-    return np.concatenate(parts) * _inflation(solution)
-
-
-def _covariance_at(solution: Solution, P: FloatArray, rows: IntArray) -> FloatArray:
-    """Some rows of :func:`_covariance`: what it takes on the way there is several times as large as the answer."""
+def _covariance(solution: Solution, P: FloatArray, rows: IntArray) -> FloatArray:
+    """(k, 3, 3) rad^2 of the total at samples ``rows``: J P J^T with J = [-A_m^T, omega_s, omega_s centred]."""
     obs = solution.obs
     t = obs.t[rows]
     at_full_rate = obs.spread(P[:, :5, :5].reshape(-1, 25), t).reshape(-1, 5, 5)
@@ -106,7 +102,7 @@ def _covariance_at(solution: Solution, P: FloatArray, rows: IntArray) -> FloatAr
     J[:, :, :3] = -np.swapaxes(A_m, 1, 2)
     J[:, :, 3] = obs.spread(obs.rate_m, t)
     J[:, :, 4] = J[:, :, 3] * (t - 0.5 * (obs.t[0] + obs.t[-1]))[:, None]
-    full = J @ at_full_rate @ np.swapaxes(J, 1, 2)
+    full = J @ at_full_rate @ np.swapaxes(J, 1, 2) * _inflation(solution)
     return np.asarray(0.5 * (full + np.swapaxes(full, 1, 2)))
 
 
