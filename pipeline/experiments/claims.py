@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from schemas.experiment import Check, Figure, Figures, Values
+from schemas.experiment import Check, Figures, Values
 
 
 def at_most(claim: str, case: str, method: str, quantity: str, bound: Values) -> Check:
@@ -75,10 +75,12 @@ def published_over(claim: str, own: tuple[str, str, str], published: tuple[str, 
 
 
 def shown(values: Values, digits: int = 2) -> str:
-    """Figures side by side, a dash where there is none."""
-    return " ".join(f"{v:.{digits}g}" if abs(v) < 10**digits else f"{v:.0f}" if np.isfinite(v) else "–" for v in values)
+    """Figures side by side to so many digits, a dash where there is none."""
+    return " ".join(_digits(value, digits) for value in values)
 
 
-def by_name(figures: Sequence[Figure]) -> dict[tuple[str, str, str], Figure]:
-    """Figures by case, method and quantity."""
-    return {(figure.case, figure.method, figure.quantity): figure for figure in figures}
+def _digits(value: float, digits: int) -> str:
+    if not np.isfinite(value):
+        return "–"
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e" in text and abs(value) >= 1.0 else text
