@@ -20,7 +20,7 @@ from stages import identify
 from stages.diagnose import whitening
 from stages.diagnose.columns import Response
 from stages.diagnose.levels import FACTORS, Tuner, residual
-from stages.diagnose.nuisances import Nuisance, believed_nuisances, full_rate, impulses, slow_bending
+from stages.diagnose.nuisances import Nuisance, believed_nuisances, full_rate, impulses, slow_bending, structure
 from stages.diagnose.view import Believed
 from stages.diagnose.whitening import AccelColour, Levels, PhinsMatch, Whitened
 from stages.estimate import tuning
@@ -77,7 +77,11 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     at = Linearisation.at(believed, source.lever_arm)
     obs = _without_slow_bending(observe(paired, at), source)
     response = Response(obs, at.R_ref, at.coupling)
-    nuisances = (*believed_nuisances(obs, at, response), *slow_bending(source, response))
+    nuisances = (
+        *believed_nuisances(obs, at, response),
+        *slow_bending(source, response),
+        *structure(source, obs, at.R_ref, response),
+    )
     tuner = Tuner(obs, at, whitening.phins_match(source.trial, obs), nuisances)
     levels = _first_levels(source, believed, flexure)
     jumps = step_times(tuner, tuner.whitened(levels)[0])

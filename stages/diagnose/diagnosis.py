@@ -35,6 +35,7 @@ from twin.config import Twin
 from twin.effects import Effect
 
 SHORTEST_S = 60.0
+ALIKE_SHARE = 0.9  # of an effect's energy that a look-alike explains
 MOST_SPECTRAL = 3  # spectral effects named in one log
 
 Progress = Callable[[str], None]
@@ -120,13 +121,13 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     say("events")
     wild, found = events.examine(before, twin)
     say("mean effects")
-    chosen = select(events.remove(work, replace(found, slams=())), twin, coarse, rng, names)
+    chosen = select(events.remove(work, _surely_wild(wild, found)), twin, coarse, rng, names)
     say("spectra")
     aligned = _aligned(chosen, coarse)
     whole = spectra.residual(chosen.clean, aligned, twin)
     slams, found = events.examine(whole, twin)
     residual = events.without(whole, found)
-    spectral, joint = _spectral(residual, twin, names)
+    spectral, joint = _spectral(residual, twin, _not_alike(chosen, names))
     # Wild samples were taken out before the mean effects; slams show best once those are gone too.
     timed = [c for c in wild if c.finding.name == "outliers"] + [c for c in slams if c.finding.name == "slamming"]
     candidates = (*(c for c in timed if c.finding.name in names), *spectral)
@@ -137,6 +138,12 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     excess = _excess(residual, twin, joint, spectral)
     findings = _findings(checks, chosen, candidates, joint)
     return Evidence(checks, chosen, candidates, found, before, residual, joint, ceiling, excess, findings)
+
+
+def _surely_wild(candidates: tuple[Candidate, ...], found: events.Found) -> events.Found:
+    """Wild samples to be taken out: not a single instant, which may be a step of the mounting, for the regression."""
+    sure = any(c.finding.name == "outliers" and not c.reason for c in candidates)
+    return replace(found, slams=(), wild=found.wild if sure else ())
 
 
 def _aligned(chosen: Selection, coarse: Alignment) -> Alignment:

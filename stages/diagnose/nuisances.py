@@ -14,6 +14,7 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from physics import quaternions
+from physics.flexure import driven
 from physics.units import ARCMIN, DEG_PER_HOUR, MICRO_G
 from schemas.rig import FloatArray
 from stages.diagnose.columns import Response, trapezoid_means
@@ -28,6 +29,8 @@ INSTALLATION = 2.0 * ARCMIN
 IMPULSE = 0.01  # rad
 SLOW_SHARE = 0.1  # of the quasi-static amplitude
 COUPLING_SHARE = 0.1  # of the lever arm
+DRIFT_WINDOW_S = 60.0  # s, over which theta is freed of the gyros' drift
+STIFFNESS_SHARE = 1.0  # of stiffness and damping: how far the model's may be off
 LAGGING_HZ = (0.5, 2.0, 8.0)
 IN_PHASE_HZ = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0)
 
@@ -82,6 +85,20 @@ def _couplings(obs: Observations, at: Linearisation) -> list[Nuisance]:
     return out
 
 
+def _moving_mean(x: FloatArray, width: int) -> FloatArray:
+    """Moving mean (n, c), windows cut short at the ends."""
+    total = np.vstack([np.zeros(x.shape[1]), np.cumsum(x, axis=0)])
+    k = np.arange(len(x))
+    low, high = np.maximum(k - width // 2, 0), np.minimum(k + width // 2 + 1, len(x))
+    return np.asarray((total[high] - total[low]) / (high - low)[:, None])
+
+
+def seen_flexure(obs: Observations, R_ref: FloatArray) -> FloatArray:
+    """(n, 3) rad, the flexure that the gyros show, freed of their drift."""
+    theta = full_rate(obs, R_ref)
+    return theta - _moving_mean(theta, max(3, int(DRIFT_WINDOW_S / float(np.median(np.diff(obs.t))))))
+
+
 def full_rate(obs: Observations, R_ref: FloatArray) -> FloatArray:
     """(n, 3) rad, Log(Y R_ref^T) at the samples."""
     back = quaternions.exp(-Rotation.from_matrix(R_ref).as_rotvec())
@@ -114,6 +131,19 @@ def _low_pass(x: FloatArray, corner: float, in_phase: bool) -> FloatArray:
 
 def _on_u(u: FloatArray) -> FloatArray:
     return np.hstack([np.zeros_like(u), u, np.zeros_like(u)])
+
+
+def structure(source: Believed, obs: Observations, R_ref: FloatArray, response: Response) -> list[Nuisance]:
+    """Stiffness and damping of each axis: the answer to a lacking moment b^2 theta or 2 mu theta'."""
+    belief, theta = source.twin.flexure, seen_flexure(obs, R_ref)
+    step = float(np.median(np.diff(obs.t)))
+    rate, out = np.gradient(theta, step, axis=0), []
+    for axis, (mu, frequency) in enumerate(zip(belief.damping, belief.frequency)):
+        b2 = mu**2 + frequency**2
+        for name, moment in (("stiffness", b2 * theta[:, axis]), ("damping", 2.0 * mu * rate[:, axis])):
+            bending = on_axis(axis, driven(mu, b2, step, -moment))
+            out.append(Nuisance(f"{name} {'xyz'[axis]}", response(Signals(bending=bending)), STIFFNESS_SHARE))
+    return out
 
 
 def slow_bending(source: Believed, response: Response) -> list[Nuisance]:

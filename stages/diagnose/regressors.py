@@ -16,7 +16,7 @@ from stages.diagnose import whitening
 from stages.diagnose.baseline import Baseline
 from stages.diagnose.evidence import Gram, gram
 from stages.diagnose.latency import main_column, main_match
-from stages.diagnose.nuisances import full_rate
+from stages.diagnose.nuisances import seen_flexure
 from stages.diagnose.view import log_view
 from twin import effects
 from twin.effects._prediction import LogView
@@ -24,7 +24,6 @@ from twin.effects._prediction import LogView
 PERIODS_TRIED = 4
 PRIOR_REACH = 2.0  # sigma of an effect's parameter over the largest of its declared range
 SHORTEST_PERIOD_S, LONGEST_PERIOD = 20.0, 4.0  # s; in lengths of the record
-DRIFT_WINDOW_S = 60.0  # s, over which theta is freed of the gyros' drift
 
 
 @dataclass(frozen=True)
@@ -59,17 +58,7 @@ class Regressors:
 
 def view_of(base: Baseline) -> LogView:
     """The view from which effects predict."""
-    theta = full_rate(base.obs, base.at.R_ref)
-    width = max(3, int(DRIFT_WINDOW_S / float(np.median(np.diff(base.obs.t)))))
-    return log_view(base.source, base.obs, base.at.R_ref, theta - _slow(theta, width))
-
-
-def _slow(x: FloatArray, width: int) -> FloatArray:
-    """Moving mean (n, c), windows cut short at the ends."""
-    total = np.vstack([np.zeros(x.shape[1]), np.cumsum(x, axis=0)])
-    k = np.arange(len(x))
-    low, high = np.maximum(k - width // 2, 0), np.minimum(k + width // 2 + 1, len(x))
-    return np.asarray((total[high] - total[low]) / (high - low)[:, None])
+    return log_view(base.source, base.obs, base.at.R_ref, seen_flexure(base.obs, base.at.R_ref))
 
 
 def regressors(
