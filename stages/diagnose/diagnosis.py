@@ -156,6 +156,17 @@ def _aligned(chosen: Selection, coarse: Alignment) -> Alignment:
     return replace(coarse, rotation=exp(static), static=replace(coarse.static, value=static), time_delay=delay)
 
 
+def _not_alike(chosen: Selection, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The library without what no log can tell from the effects that are named already."""
+    alike = {
+        other.name
+        for pick in chosen.picks
+        for other in effects.look_alikes(pick.group.effect, ())
+        if other.share is None or other.share >= ALIKE_SHARE
+    }
+    return tuple(name for name in names if name not in alike)
+
+
 def _spectral(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) -> tuple[tuple[Candidate, ...], JointFit]:
     """Candidates as each would be alone, and the joint fit of those that stand beside each other."""
     allowed = [name for name in spectra.EFFECTS if name in names]
