@@ -97,3 +97,11 @@ def test_the_design_of_the_deck_is_the_twins_without_its_edge():
     s = np.array([95.0])
     assert sliding._design(s) == pytest.approx(sliding._true(s), abs=1e-7)
     assert np.abs(sliding._design(np.zeros(1)) - sliding._true(np.zeros(1))).max() > sliding.LIMIT
+
+
+@every
+def test_the_page_in_the_docs_holds_the_experiment_with_all_its_claims(experiment: Experiment):
+    page = (Path(__file__).parents[3] / "docs" / "reproduction.md").read_text()
+    assert f"`deckflex reproduce {experiment.name}`" in page
+    assert all(check.claim in page for check in experiment.checks)
+    assert all(sentence in page for sentence in experiment.chosen)
