@@ -105,13 +105,19 @@ def _chunks(streams: Sequence[_Stream], chunk_bytes: int) -> Iterator[list[NDArr
     keys = [np.maximum.accumulate(stream.table.log_time) for stream in streams if len(stream.table)]
     if not keys:
         return
-    owner = np.repeat(np.arange(len(streams)), counts)
-    row = np.concatenate([np.arange(count) for count in counts])
+    # Narrow types, and sums in place: these arrays are as long as all messages together.
+    owner = np.repeat(np.arange(len(streams), dtype=np.int16), counts)
+    row = np.concatenate([np.arange(count, dtype=np.uint32) for count in counts])
     order = np.argsort(np.concatenate(keys), kind="stable")
+    del keys
     owner, row = owner[order], row[order]
+    del order
     size = np.array([_LEAD + 4 + empty_layout(stream.mtype).size for stream in streams])[owner]
-    cuts = np.flatnonzero(np.diff(np.cumsum(size) // chunk_bytes)) + 1
-    for first, last in zip([0, *cuts.tolist()], [*cuts.tolist(), len(order)], strict=True):
+    np.cumsum(size, out=size)
+    size //= chunk_bytes
+    cuts = np.flatnonzero(size[1:] != size[:-1]) + 1
+    del size
+    for first, last in zip([0, *cuts.tolist()], [*cuts.tolist(), len(owner)], strict=True):
         mine = owner[first:last]
         yield [row[first:last][mine == k] for k in range(len(streams))] + [mine]
 

@@ -150,8 +150,10 @@ def _log_error(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
 
 def running_rmse(error: FloatArray) -> FloatArray:
     """RMS (n, 3) of all errors up to and including each, per axis."""
-    count = np.arange(1, len(error) + 1)[:, None]
-    return np.sqrt(np.cumsum(error**2, axis=0) / count)
+    out = error**2
+    np.cumsum(out, axis=0, out=out)
+    out /= np.arange(1, len(error) + 1)[:, None]
+    return np.sqrt(out, out=out)
 
 
 def has_track(trial: Trial) -> bool:
