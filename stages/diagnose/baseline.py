@@ -20,7 +20,15 @@ from stages import identify
 from stages.diagnose import whitening
 from stages.diagnose.columns import Response
 from stages.diagnose.levels import FACTORS, Tuner, residual
-from stages.diagnose.nuisances import Nuisance, believed_nuisances, full_rate, impulses, slow_bending, structure
+from stages.diagnose.nuisances import (
+    Nuisance,
+    believed_nuisances,
+    full_rate,
+    impulses,
+    slow_bending,
+    steps,
+    structure,
+)
 from stages.diagnose.view import Believed
 from stages.diagnose.whitening import AccelColour, Levels, PhinsMatch, Whitened
 from stages.estimate import tuning
@@ -86,8 +94,11 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     levels = _first_levels(source, believed, flexure)
     jumps = step_times(tuner, tuner.whitened(levels)[0])
     tuner = replace(tuner, nuisances=(*tuner.nuisances, *impulses(jumps, response)))
-    levels = tuner.tuned(levels, FACTORS) if start is None else tuner.tuned(_resumed(levels, start), FACTORS[2:])
-    whitened, columns = tuner.whitened(levels)
+    # A step must neither make the noise larger nor be masked as wild: it is for the regression to find.
+    free = replace(tuner, nuisances=(*tuner.nuisances, *steps(jumps, response)))
+    levels = free.tuned(levels, FACTORS) if start is None else free.tuned(_resumed(levels, start), FACTORS[2:])
+    whitened, columns = free.whitened(levels)
+    columns = columns[:, :, : len(tuner.nuisances)]
     return Baseline(
         source, at, paired, obs, tuner.match, flexure, levels, whitened, tuner.nuisances, columns, response, jumps
     )

@@ -169,3 +169,14 @@ def impulses(times: Sequence[float], response: Response) -> list[Nuisance]:
             one[k, axis] = 1.0 / response.dt[k]
             out.append(Nuisance(f"impulse {time:.2f} s {'xyz'[axis]}", response(Signals(gyro=one)), IMPULSE))
     return out
+
+
+def steps(times: Sequence[float], response: Response) -> list[Nuisance]:
+    """A step of the mounting from each time on, rad about each axis."""
+    t, out = response.obs.t, []
+    for time in times:
+        after = (t > time - 0.5 * response.dt[-1]).astype(float)
+        for axis in range(3):
+            column = response(Signals(mount=on_axis(axis, after)))
+            out.append(Nuisance(f"step {time:.2f} s {'xyz'[axis]}", column, IMPULSE))
+    return out
