@@ -18,7 +18,7 @@ from schemas.products import Alignment, FlexureModel
 from schemas.rig import FloatArray
 from stages import identify
 from stages.diagnose import whitening
-from stages.diagnose.columns import Response
+from stages.diagnose.columns import Response, lever_velocity
 from stages.diagnose.levels import FACTORS, Tuner, residual
 from stages.diagnose.nuisances import (
     Nuisance,
@@ -83,7 +83,7 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     paired = pair(source.trial, believed, despike=False)  # a step of the mounting is a spike of its gyro
     flexure = tuning.separable(identify.get("whittle")().identify(source.trial, believed))
     at = Linearisation.at(believed, source.lever_arm)
-    obs = _without_slow_bending(observe(paired, at), source)
+    obs = _without_slow_bending(observe(paired, at), source, at.coupling)
     response = Response(obs, at.R_ref, at.coupling)
     nuisances = (
         *believed_nuisances(obs, at, response),
@@ -104,12 +104,13 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     )
 
 
-def _without_slow_bending(obs: Observations, source: Believed) -> Observations:
+def _without_slow_bending(obs: Observations, source: Believed, coupling: FloatArray) -> Observations:
     """The observations less the quasi-static bending that the twin says, which moves the lever arm as any bending."""
     belief = source.twin.flexure
     if not any(belief.quasi_static_amplitude_arcmin):
         return obs
-    return replace(obs, z=obs.z - quasi_static(belief, obs.t)[obs.index])
+    z = quasi_static(belief, obs.t)[obs.index]
+    return replace(obs, z=obs.z - z, u=obs.u - lever_velocity(obs, coupling, z))
 
 
 def extended(base: Baseline, more: Sequence[Nuisance]) -> Baseline:

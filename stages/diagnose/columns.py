@@ -67,7 +67,7 @@ class Response:
         if signals.mount is not None:
             z = signals.mount[self.obs.index] @ self.mounted.T
             out[:, 0:3] += z
-            out[:, 3:6] -= self.lever_velocity(z)
+            out[:, 3:6] -= lever_velocity(self.obs, self.coupling, z)
         if signals.phins is not None:
             out[:, 6:9] += step_means(signals.phins, self.obs.index)[0]
         return out
@@ -81,15 +81,24 @@ class Response:
         _propagate(self.middle, self.obs.main.attitude, self.force, self.dt, gyro, accel, angle, speed)
         z = angle[self.obs.index]
         out[:, 0:3] += z
-        out[:, 3:6] += trapezoid_means(speed, self.obs.index) - self.lever_velocity(z)
+        out[:, 3:6] += trapezoid_means(speed, self.obs.index) - lever_velocity(self.obs, self.coupling, z)
         out[:, 6:9] -= step_means(angle, self.obs.index)[0]
 
-    def lever_velocity(self, z: FloatArray) -> FloatArray:
-        """B dz/dt + omega x B z over the steps: what the model takes off u for an angle z (N, 3)."""
-        rate, mean = np.zeros_like(z), np.zeros_like(z)
-        rate[1:] = np.diff(z, axis=0) / self.obs.dt[1:, None]
-        mean[1:] = 0.5 * (z[1:] + z[:-1])
-        return np.asarray(rate @ self.coupling.T + np.cross(self.obs.omega, mean @ self.coupling.T))
+
+def lever_velocity(obs: Observations, coupling: FloatArray, z: FloatArray) -> FloatArray:
+    """B dz/dt + omega x B z over the steps: what the model takes off u for an angle z (N, 3)."""
+    rate, mean = np.zeros_like(z), np.zeros_like(z)
+    rate[1:] = np.diff(z, axis=0) / obs.dt[1:, None]
+    mean[1:] = 0.5 * (z[1:] + z[:-1])
+    return np.asarray(rate @ coupling.T + np.cross(obs.omega, mean @ coupling.T))
+
+
+def left_jacobian(vector: FloatArray) -> FloatArray:
+    """J (3, 3) of a rotation vector (3,): Exp(v + e) ~ Exp(J e) Exp(v) for small e."""
+    angle, K = float(np.linalg.norm(vector)), skew(vector)
+    if angle < 1e-6:
+        return np.asarray(np.eye(3) + 0.5 * K)
+    return np.asarray(np.eye(3) + (1.0 - np.cos(angle)) / angle**2 * K + (angle - np.sin(angle)) / angle**3 * K @ K)
 
 
 def left_jacobian(vector: FloatArray) -> FloatArray:

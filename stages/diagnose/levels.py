@@ -10,6 +10,7 @@ import numpy as np
 from physics.kalman import SparseModel, run_filter
 from schemas.rig import FloatArray
 from stages.diagnose import whitening
+from stages.diagnose.columns import lever_velocity
 from stages.diagnose.evidence import solve
 from stages.diagnose.nuisances import Nuisance
 from stages.diagnose.whitening import Levels, PhinsMatch, Whitened
@@ -79,7 +80,9 @@ class Tuner:
     def _less(self, value: FloatArray) -> Tuner:
         """The same with the nuisances' fit taken off the observations."""
         off = self.raw @ value
-        obs = replace(self.obs, z=self.obs.z - off[:, :3], u=self.obs.u - off[:, 3:6])
+        z, coupling = off[:, :3], self.at.coupling
+        # The model takes the lever's motion off u for the z it is given; the columns of u are without it.
+        obs = replace(self.obs, z=self.obs.z - z, u=self.obs.u - off[:, 3:6] - lever_velocity(self.obs, coupling, z))
         match = None if self.match is None else replace(self.match, q=self.match.q - off[:, 6:9])
         return replace(self, obs=obs, match=match)
 

@@ -17,7 +17,7 @@ from physics import quaternions
 from physics.rotations import exp
 from schemas.products import Alignment, Estimate, FlexureModel
 from stages.diagnose import whitening
-from stages.diagnose.columns import Response
+from stages.diagnose.columns import Response, lever_velocity, lever_velocity
 from stages.diagnose.shrinkage import augmented_twin
 from stages.diagnose.view import believed, log_view
 from stages.diagnose.whitening import AccelColour, Levels, PhinsMatch, Whitened
@@ -108,7 +108,7 @@ def seen(simulation: Simulation, twin: Twin) -> Seen:
     obs = observe(pair(source.trial, despike=False), at)
     match = whitening.phins_match(source.trial, obs)
     assert match is not None
-    moved = Response(obs, at.R_ref, at.coupling).lever_velocity(obs.z)
+    moved = lever_velocity(obs, at.coupling, obs.z)
     return Seen(simulation, twin, obs, match, np.hstack([obs.z, obs.u - moved, match.q]))
 
 
