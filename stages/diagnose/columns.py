@@ -101,14 +101,6 @@ def left_jacobian(vector: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + (1.0 - np.cos(angle)) / angle**2 * K + (angle - np.sin(angle)) / angle**3 * K @ K)
 
 
-def left_jacobian(vector: FloatArray) -> FloatArray:
-    """J (3, 3) of a rotation vector (3,): Exp(v + e) ~ Exp(J e) Exp(v) for small e."""
-    angle, K = float(np.linalg.norm(vector)), skew(vector)
-    if angle < 1e-6:
-        return np.asarray(np.eye(3) + 0.5 * K)
-    return np.asarray(np.eye(3) + (1.0 - np.cos(angle)) / angle**2 * K + (angle - np.sin(angle)) / angle**3 * K @ K)
-
-
 def trapezoid_means(values: FloatArray, index: IntArray) -> FloatArray:
     """Means (N, c) over steps that end at samples ``index``; step 0 is the first sample."""
     total = np.cumsum(values, axis=0)

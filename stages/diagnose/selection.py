@@ -35,6 +35,7 @@ MEAN = tuple(name for name in effects.names() if effects.get(name).predict.__fun
 MOST = 4  # effects named in one log
 NEGLIGIBLE = 5e-4  # of the first one's evidence: later picks below it are what linearisation leaves
 NULL_DRAWS = 100
+FLOOR_S = 1800.0  # of record for which the floor holds; longer ones need more
 KEPT_SHARE = 0.8  # of the threshold, below which a pick is dropped again beside the others
 PERIOD_ROUNDS = 4
 EVENT_PENALTY = 3.0  # nats more for an event, on top of ln(steps) and half ln(steps) a parameter: its time was searched
@@ -268,7 +269,10 @@ def event_evidence(found: Regressors, base: Sequence[int], group: Group) -> floa
 def _thresholds(found: Regressors, gram: Gram, picks: Sequence[Pick], rng: np.random.Generator) -> dict[str, float]:
     """The floor, or more where white noise in this very log reaches more by chance."""
     base = _with(found, picks)
-    out = {group.effect: FLOOR_NATS for group in found.groups}
+    length = float(found.gram.edges[-1] - found.gram.edges[0])
+    # What linearisation and the motion's model miss grows with the record, as evidence does.
+    floor = FLOOR_NATS * max(1.0, length / FLOOR_S)
+    out = {group.effect: floor for group in found.groups}
     groups = [group for group in found.groups if "time" not in group.shape]
     reached = null_evidence(gram, base, [gram.index(group.names) for group in groups], rng, NULL_DRAWS)
     for group, high in zip(groups, reached):

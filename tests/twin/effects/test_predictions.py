@@ -17,7 +17,7 @@ from physics import quaternions
 from physics.rotations import exp
 from schemas.products import Alignment, Estimate, FlexureModel
 from stages.diagnose import whitening
-from stages.diagnose.columns import Response, lever_velocity, lever_velocity
+from stages.diagnose.columns import Response, lever_velocity
 from stages.diagnose.shrinkage import augmented_twin
 from stages.diagnose.view import believed, log_view
 from stages.diagnose.whitening import AccelColour, Levels, PhinsMatch, Whitened
