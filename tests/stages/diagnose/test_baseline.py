@@ -1,0 +1,164 @@
+"""The baseline leaves white noise of a log without a gap; slow processes and latencies are found on top of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import multivariate_normal
+
+from physics.units import DEG_PER_HOUR
+from stages.diagnose import columns, instability
+from stages.diagnose.baseline import Baseline, extended
+from stages.diagnose.candidate import FLOOR_NATS
+from stages.diagnose.ceiling import FAMILIES, families
+from stages.diagnose.evidence import held_out, solve
+from stages.diagnose.judgement import LEFT_NATS
+from stages.diagnose.latency import main_column, main_match
+from stages.diagnose.regressors import error_periods, regressors, view_of
+from stages.diagnose.selection import MEAN
+from tests.stages.diagnose.simulated import baseline_of, log, without_aids
+from twin.effects._prediction import Signals
+
+
+@pytest.fixture(scope="module")
+def bare() -> Baseline:
+    return baseline_of(log())
+
+
+def lag_one(x: np.ndarray) -> float:
+    both = np.isfinite(x[1:]) & np.isfinite(x[:-1])
+    return float(np.mean(x[1:][both] * x[:-1][both]) / np.nanmean(x**2))
+
+
+def test_innovations_of_a_log_without_a_gap_are_white(bare: Baseline) -> None:
+    left = bare.residual()
+    assert left.shape == (len(bare.t), 9)
+    assert np.isfinite(left).mean() > 0.9
+    assert ((np.nanstd(left, axis=0) > 0.95) & (np.nanstd(left, axis=0) < 1.05)).all()
+    correlation = np.abs([lag_one(column) for column in left.T])
+    # The velocity across a long lever keeps some colour: how flexure moves it above its corner is fitted, not known.
+    assert (correlation < [0.1, 0.1, 0.1, 0.3, 0.1, 0.3, 0.1, 0.1, 0.1]).all(), correlation
+
+
+def test_the_fitted_levels_say_how_large_the_innovations_are(bare: Baseline) -> None:
+    assert ((bare.whitened.scale > 0.8) & (bare.whitened.scale < 1.2)).all(), bare.whitened.scale
+    assert bare.jumps == ()
+
+
+def test_no_effect_and_no_generic_family_gains_on_a_log_without_a_gap(bare: Baseline) -> None:
+    view = view_of(bare)
+    found = regressors(bare, view, MEAN)
+    kept = list(range(len(found.nuisances)))
+    gained = {g.names: held_out(found.gram, kept, found.gram.index(g.names)).sum() for g in found.groups}
+    assert max(gained.values()) < FLOOR_NATS
+    assert {group.effect for group in found.groups} == set(MEAN) - {"misalignment_step"}  # nothing has stepped
+    told = families(bare, view, found.gram, found.columns, kept)
+    assert len(told) == len(FAMILIES)
+    assert sum(family.gain.sum() for family in told[:1]) < LEFT_NATS
+
+
+def test_what_the_log_lacks_is_untestable_and_said_so() -> None:
+    alone = baseline_of(without_aids(log()))
+    assert alone.match is None
+    assert alone.whitened.values.shape[1] == 6
+    found = regressors(alone, view_of(alone), MEAN)
+    assert {"phins_latency", "phins_attitude_error", "gyro_temperature", "wave_forced_bending"} <= set(found.untestable)
+    assert all(found.untestable.values())
+    assert not {group.effect for group in found.groups} & set(found.untestable)
+
+
+def test_extended_adds_regressors_with_priors_and_leaves_the_rest(bare: Baseline) -> None:
+    more = instability.as_nuisances(instability.basis(bare), 1.0, 100.0)
+    wider = extended(bare, more)
+    assert wider.columns.shape[2] == bare.columns.shape[2] + len(more)
+    np.testing.assert_array_equal(wider.columns[:, :, : bare.columns.shape[2]], bare.columns)
+    assert extended(bare, ()) is bare
+
+
+def test_response_is_linear_and_a_static_angle_shifts_z_alone_on_a_still_deck(bare: Baseline) -> None:
+    rng = np.random.default_rng(2)
+    gyro, accel = rng.standard_normal((2, len(bare.obs.t), 3))
+    both = bare.response(Signals(gyro=2.0 * gyro, accel=accel))
+    apart = 2.0 * bare.response(Signals(gyro=gyro)) + bare.response(Signals(accel=accel))
+    np.testing.assert_allclose(both, apart, atol=1e-9 * np.abs(apart).max())
+    angle = np.tile([1e-4, 0.0, -2e-4], (len(bare.obs.t), 1))
+    turned = bare.response(Signals(mount=angle))
+    expected = columns.left_jacobian(bare.source.static) @ angle[0]
+    np.testing.assert_allclose(turned[:, :3], np.tile(expected, (len(bare.t), 1)), atol=1e-12)
+    np.testing.assert_array_equal(turned[:, 6:], 0.0)
+
+
+@pytest.mark.parametrize("vector", [[0.0, 0.0, 0.0], [0.01, -0.02, 0.03], [0.7, -1.2, 0.4]])
+def test_left_jacobian_is_the_derivative_of_the_exponential(vector: list[float]) -> None:
+    v, h = np.array(vector), 1e-6
+    J = columns.left_jacobian(v)
+    for axis in range(3):
+        moved = Rotation.from_rotvec(v + h * np.eye(3)[axis]) * Rotation.from_rotvec(v - h * np.eye(3)[axis]).inv()
+        np.testing.assert_allclose(J[:, axis], moved.as_rotvec() / (2.0 * h), atol=1e-8)
+
+
+def test_trapezoid_means_are_those_of_numpy() -> None:
+    values = np.random.default_rng(1).standard_normal((41, 2))
+    index = np.array([0, 10, 20, 40])
+    found = columns.trapezoid_means(values, index)
+    for k in range(1, 4):
+        part = values[index[k - 1] : index[k] + 1]
+        np.testing.assert_allclose(found[k], np.trapezoid(part, axis=0) / (len(part) - 1))
+
+
+def test_the_evidence_of_a_wandering_bias_is_the_marginal_likelihood() -> None:
+    rng = np.random.default_rng(4)
+    X, y = rng.standard_normal((60, 7)), 2.0 * rng.standard_normal(60)
+    variance = rng.uniform(0.1, 3.0, 7)
+    expected = multivariate_normal(cov=np.eye(60) + X @ np.diag(variance) @ X.T).logpdf(y)
+    expected -= multivariate_normal(cov=np.eye(60)).logpdf(y)
+    assert instability._marginal(X.T @ X, X.T @ y, variance) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_cosines_have_the_covariance_of_the_process() -> None:
+    length, std, tau = 4000.0, 2.0, 40.0
+    frequency = np.arange(4000) / (2.0 * length)
+    v = instability.variances(frequency, std, tau)[:4000]
+    t = np.array([1500.0, 1500.0 + tau, 1500.0 + 3.0 * tau])
+    waves = np.array([np.cos(2.0 * np.pi * f * t) * np.sqrt((2.0 if f else 1.0) / length) for f in frequency])
+    found = waves.T @ (v[:, None] * waves) / DEG_PER_HOUR**2
+    np.testing.assert_allclose(found[0], std**2 * np.exp(-(t - t[0]) / tau), rtol=0.05)
+
+
+def test_a_wandering_bias_is_found_with_its_size_and_time_constant() -> None:
+    base = baseline_of(log(("gyro_bias_instability", {"std": 2.0, "tau": 40.0})))
+    found = instability.wander(base, instability.basis(base), base.columns, base.precision)
+    assert found.evidence > 100.0
+    assert abs(found.std - 2.0) < 3.0 * found.std_error
+    assert abs(found.tau - 40.0) < 3.0 * found.tau_error
+    assert found.std_error < 0.6
+
+
+def test_no_bias_wanders_where_none_does(bare: Baseline) -> None:
+    assert instability.wander(bare, instability.basis(bare), bare.columns, bare.precision).evidence < 0.0
+
+
+def test_the_latency_of_both_phins_is_found() -> None:
+    base = baseline_of(log(("phins_latency", {"delay": 0.002})))
+    found = regressors(base, view_of(base), ["phins_latency"])
+    fit = solve(found.gram.total, found.gram.precision, range(len(found.gram.names)))
+    error = float(np.sqrt(fit.covariance[-1, -1]))
+    assert abs(fit.value[-1] - 0.002) < 3.0 * error
+    assert error < 1e-4
+
+
+def test_increments_of_the_main_phins_are_white_and_a_column_is_masked_with_them(bare: Baseline) -> None:
+    match = main_match(bare)
+    assert match is not None
+    assert all(abs(lag_one(column)) < 0.1 for column in match.y.T)
+    np.testing.assert_allclose(np.nanstd(match.y, axis=0), 1.0, atol=0.05)
+    column = main_column(bare, match, Signals(phins_main=-view_of(bare).omega_m))
+    assert (column[~np.isfinite(match.y)] == 0.0).all()
+    assert np.abs(column).max() > 0.0
+    assert not main_column(bare, match, Signals(phins=view_of(bare).omega_m)).any()
+
+
+def test_periods_tried_are_those_at_which_the_phins_ring() -> None:
+    base = baseline_of(log(("phins_attitude_error", {"x": 1.0, "period": 60.0})))
+    assert min(abs(period / 60.0 - 1.0) for period in error_periods(base)) < 0.1
