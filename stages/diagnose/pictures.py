@@ -73,4 +73,4 @@ def band_of(signal: FloatArray, t: FloatArray) -> tuple[float, float]:
     frequency = np.fft.rfftfreq(len(signal), step)
     smooth = np.convolve(power, np.ones(5), "same")
     peak = float(max(frequency[int(np.argmax(smooth[1:])) + 1], frequency[1]))
-    return (peak / np.sqrt(2.0), peak * np.sqrt(2.0))
+    return (float(peak / np.sqrt(2.0)), float(peak * np.sqrt(2.0)))
