@@ -127,7 +127,8 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     whole = spectra.residual(chosen.clean, aligned, twin)
     slams, found = events.examine(whole, twin)
     residual = events.without(whole, found)
-    spectral, joint = _spectral(residual, twin, _not_alike(chosen, names))
+    known = tuple(finding.name for finding in checks.findings if finding.name in spectra.NOISES)
+    spectral, joint = _spectral(residual, twin, _not_alike(chosen, names), known)
     # Wild samples were taken out before the mean effects; slams show best once those are gone too.
     timed = [c for c in wild if c.finding.name == "outliers"] + [c for c in slams if c.finding.name == "slamming"]
     candidates = (*(c for c in timed if c.finding.name in names), *spectral)
@@ -135,7 +136,7 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     ceiling = families(
         chosen.base, view_of(chosen.base), chosen.regressors.gram, chosen.regressors.columns, chosen.fitted
     )
-    excess = _excess(residual, twin, joint, spectral)
+    excess = _excess(residual, twin, joint, spectral, known)
     findings = _findings(checks, chosen, candidates, joint)
     return Evidence(checks, chosen, candidates, found, before, residual, joint, ceiling, excess, findings)
 
@@ -167,10 +168,15 @@ def _not_alike(chosen: Selection, names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name for name in names if name not in alike)
 
 
-def _spectral(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) -> tuple[tuple[Candidate, ...], JointFit]:
-    """Candidates as each would be alone, and the joint fit of those that stand beside each other."""
+def _spectral(
+    residual: FullRateResidual, twin: Twin, names: tuple[str, ...], known: tuple[str, ...]
+) -> tuple[tuple[Candidate, ...], JointFit]:
+    """Candidates as each would be alone, and the joint fit of those that stand beside each other.
+
+    known: effects found by the direct checks, whose noise stands in the spectra.
+    """
     allowed = [name for name in spectra.EFFECTS if name in names]
-    alone = tuple(c for c in spectra.examine(residual, twin) if c.finding.name in allowed)
+    alone = tuple(c for c in spectra.examine(residual, twin, known) if c.finding.name in allowed)
     named: list[str] = []
     now = alone
     while len(named) < MOST_SPECTRAL:
@@ -178,20 +184,22 @@ def _spectral(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) ->
         if best is None:
             break
         named.append(best.finding.name)
-        now = tuple(c for c in spectra.examine(residual, twin, named) if c.finding.name in allowed)
-    joint = spectra.fit(residual, twin, tuple(named))
+        now = tuple(c for c in spectra.examine(residual, twin, (*known, *named)) if c.finding.name in allowed)
+    joint = spectra.fit(residual, twin, (*known, *named))
     while named and (weak := [f.name for f in joint.findings if f.evidence_nats < 0.8 * FLOOR_NATS]):
         named.remove(weak[-1])
-        joint = spectra.fit(residual, twin, tuple(named))
+        joint = spectra.fit(residual, twin, (*known, *named))
     return alone, joint
 
 
-def _excess(residual: FullRateResidual, twin: Twin, joint: JointFit, spectral: tuple[Candidate, ...]) -> Excess:
+def _excess(
+    residual: FullRateResidual, twin: Twin, joint: JointFit, spectral: tuple[Candidate, ...], known: tuple[str, ...]
+) -> Excess:
     """What the spectra leave; a log that was dulled by whatever wrote it, and not by the gyros, is no gap."""
     named = tuple(finding.name for finding in joint.findings)
     dulled = [c for c in spectral if c.finding.name == "gyro_bandwidth" and c.reason and c.finding.evidence_nats > 0.0]
     if dulled and "gyro_bandwidth" not in named:
-        joint = spectra.fit(residual, twin, (*named, "gyro_bandwidth"))
+        joint = spectra.fit(residual, twin, (*known, *named, "gyro_bandwidth"))
     return goodness.excess(goodness.data_of(residual, joint), joint)
 
 

@@ -1,8 +1,9 @@
 """A bias of the sub-IMU's gyros that wanders, as a Gaussian process in the regression.
 
-b(t) = sum c_k sqrt(2/T) cos(pi k t / T) per axis, c_k normal with the density of a first-order Gauss-Markov process at
-k / 2T: 2 sigma^2 tau / (1 + (2 pi f tau)^2). The columns are whitened once; evidence is the marginal likelihood of the
-best (sigma, tau) over that of no wandering, less the price of two parameters.
+b(t) = sum c_k sqrt(2/T) cos(pi k t / T) per axis, k from 1 on, c_k normal with the density of a first-order
+Gauss-Markov process at k / 2T: 2 sigma^2 tau / (1 + (2 pi f tau)^2). Its mean is a bias, and free. The columns are
+whitened once; evidence is the marginal likelihood of the best (sigma, tau) over that of no wandering, less the price of
+two parameters.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ MOST_TERMS = 80
 TAUS_S = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 SIGMAS = tuple(0.02 * 1.5**k for k in range(22))  # deg/h
 PRICE = 6.0  # nats
+ANY_BIAS = 1e-4  # (deg/h)^-2, precision of the mean
 
 
 @dataclass(frozen=True)
@@ -54,9 +56,9 @@ def basis(base: Baseline) -> Basis:
     t = base.obs.t
     length = float(t[-1] - t[0])
     terms = int(np.clip(length / FASTEST_S, 4, MOST_TERMS))
-    cosines = [np.cos(np.pi * k * (t - t[0]) / length) * np.sqrt((2.0 if k else 1.0) / length) for k in range(terms)]
+    cosines = [np.cos(np.pi * k * (t - t[0]) / length) * np.sqrt(2.0 / length) for k in range(1, terms + 1)]
     raw = np.stack([base.response(Signals(gyro=on_axis(axis, wave))) for axis in range(3) for wave in cosines], axis=2)
-    return Basis(raw, whitening.whiten_columns(base.whitened, raw), np.arange(terms) / (2.0 * length))
+    return Basis(raw, whitening.whiten_columns(base.whitened, raw), np.arange(1, terms + 1) / (2.0 * length))
 
 
 def variances(frequency: FloatArray, std: float, tau: float) -> FloatArray:
@@ -66,7 +68,10 @@ def variances(frequency: FloatArray, std: float, tau: float) -> FloatArray:
 
 
 def wander(base: Baseline, made: Basis, columns: FloatArray, precision: FloatArray) -> Wander:
-    """The best process on top of whitened regressors (N, 9, K) with their priors."""
+    """The best process on top of whitened regressors (N, 9, K) with their priors and of any constant bias."""
+    constant = [base.response(Signals(gyro=on_axis(axis, np.full(len(base.obs.t), DEG_PER_HOUR)))) for axis in range(3)]
+    columns = np.concatenate([columns, whitening.whiten_columns(base.whitened, np.stack(constant, axis=2))], axis=2)
+    precision = np.concatenate([precision, np.full(3, ANY_BIAS)])
     y = base.whitened.values
     ok = np.isfinite(y)
     terms, K = made.columns.shape[2], columns.shape[2]
@@ -105,6 +110,18 @@ def _marginal(information: FloatArray, moment: FloatArray, variance: FloatArray)
 
 
 def as_nuisances(made: Basis, std: float, tau: float) -> Sequence[Nuisance]:
-    """The process as regressors with priors."""
+    """The process as regressors with priors; its mean over the record is a bias like any other."""
     sigma = np.sqrt(variances(made.frequency, std, tau))
     return [Nuisance(f"wander {k}", made.raw[:, :, k], float(s)) for k, s in enumerate(sigma)]
+
+
+def mean_nuisances(base: Baseline, std: float, tau: float) -> Sequence[Nuisance]:
+    """The mean of a process over the record, per axis: its spread is that of the process, averaged."""
+    length = float(base.obs.t[-1] - base.obs.t[0])
+    x = length / tau
+    spread = std * DEG_PER_HOUR * np.sqrt(2.0 * (x - 1.0 + np.exp(-x))) / x
+    one = np.ones(len(base.obs.t))
+    return [
+        Nuisance(f"wander mean {name}", base.response(Signals(gyro=on_axis(axis, one))), float(spread))
+        for axis, name in enumerate("xyz")
+    ]

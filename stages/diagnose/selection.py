@@ -182,7 +182,8 @@ def _about(
     arm = reduce(lambda changed, effect: effect.twin(changed), named, twin).mount.lever_arm
     base = baseline(believed(clean, section(twin, "mount", lever_arm=arm)), coarse, levels)
     if wandering is not None:
-        base = extended(base, instability.as_nuisances(instability.basis(base), wandering.std, wandering.tau))
+        made = instability.as_nuisances(instability.basis(base), wandering.std, wandering.tau)
+        base = extended(base, [*made, *instability.mean_nuisances(base, wandering.std, wandering.tau)])
     return base, regressors(base, view_of(base), names, [(pick.group, pick.value) for pick in picks]), clean
 
 
