@@ -85,22 +85,21 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     at = Linearisation.at(believed, source.lever_arm)
     obs = _without_slow_bending(observe(paired, at), source, at.coupling)
     response = Response(obs, at.R_ref, at.coupling)
-    nuisances = (
-        *believed_nuisances(obs, at, response),
-        *slow_bending(source, response),
-        *structure(source, obs, at.R_ref, response),
-    )
-    tuner = Tuner(obs, at, whitening.phins_match(source.trial, obs), nuisances)
+    own = (*slow_bending(source, response), *structure(source, obs, at.R_ref, response))
+    match = whitening.phins_match(source.trial, obs)
+    tuner = Tuner(obs, at, match, (*believed_nuisances(obs, at, response), *own))
     levels = _first_levels(source, believed, flexure)
     jumps = step_times(tuner, tuner.whitened(levels)[0])
-    tuner = replace(tuner, nuisances=(*tuner.nuisances, *impulses(jumps, response)))
+    if jumps:
+        smooth = believed_nuisances(obs, at, response, jumps)
+        tuner = replace(tuner, nuisances=(*smooth, *own, *impulses(jumps, response)))
     # A step must neither make the noise larger nor be masked as wild: it is for the regression to find.
     free = replace(tuner, nuisances=(*tuner.nuisances, *steps(jumps, response)))
     levels = free.tuned(levels, FACTORS) if start is None else free.tuned(_resumed(levels, start), FACTORS[2:])
     whitened, columns = free.whitened(levels)
     columns = columns[:, :, : len(tuner.nuisances)]
     return Baseline(
-        source, at, paired, obs, tuner.match, flexure, levels, whitened, tuner.nuisances, columns, response, jumps
+        source, at, paired, obs, match, flexure, levels, whitened, tuner.nuisances, columns, response, jumps
     )
 
 

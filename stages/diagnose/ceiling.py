@@ -37,8 +37,14 @@ class Family:
 Made = Callable[[LogView], list[Signals]]
 
 
-def families(base: Baseline, view: LogView, found: Gram, white: FloatArray, kept: list[int]) -> tuple[Family, ...]:
-    """What each family gains on top of the regressors ``kept`` of a Gram, whitened columns ``white``, best first."""
+def families(
+    base: Baseline, view: LogView, found: Gram, white: FloatArray, kept: list[int], y: FloatArray
+) -> tuple[Family, ...]:
+    """What each family gains on top of the regressors ``kept`` of a Gram, whitened columns ``white``, best first.
+
+    y: (N, m) whitened innovations, false gyro samples taken out: blocks that do not hold one know nothing of it.
+    """
+    y = y[:, : base.whitened.values.shape[1]]
     out = []
     for name, (channel, made) in FAMILIES.items():
         if channel.startswith("phins") and base.match is None:
@@ -50,14 +56,14 @@ def families(base: Baseline, view: LogView, found: Gram, white: FloatArray, kept
         names = [f"{name} {k}" for k in range(own.shape[2])]
         columns = np.concatenate([white[:, : own.shape[1], kept], own], axis=2)
         precision = np.concatenate([found.precision[kept], np.full(len(names), 1.0 / 400.0)])
-        joint = gram([*(found.names[k] for k in kept), *names], columns, base.whitened.values, base.t, precision)
+        joint = gram([*(found.names[k] for k in kept), *names], columns, y, base.t, precision)
         gained = held_out(joint, range(len(kept)), range(len(kept), len(kept) + len(names)))
-        out.append(Family(name, gained, channel, _axis(own, base, names)))
+        out.append(Family(name, gained, channel, _axis(own, y)))
     return tuple(sorted(out, key=lambda family: -family.gain.sum()))
 
 
-def _axis(own: FloatArray, base: Baseline, names: list[str]) -> str:
-    y = np.nan_to_num(base.residual())
+def _axis(own: FloatArray, y: FloatArray) -> str:
+    y = np.nan_to_num(y)
     gain = [float(np.sum(np.einsum("nmk,nm->mk", own[:, i::3], y[:, i::3]) ** 2)) for i in range(3)]
     return "xyz"[int(np.argmax(gain))]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from physics.rotations import exp
-from schemas.diagnosis import Diagnosis, Errors, Finding, Place, Tested, Verdict
+from schemas.diagnosis import Diagnosis, Errors, Finding, ParameterEstimate, Place, Tested, Verdict
 from schemas.errors import DataError
 from schemas.products import Alignment
 from schemas.trial import Trial
@@ -134,7 +134,12 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     candidates = (*(c for c in timed if c.finding.name in names), *spectral)
     say("what is left")
     ceiling = families(
-        chosen.base, view_of(chosen.base), chosen.regressors.gram, chosen.regressors.columns, chosen.fitted
+        chosen.base,
+        view_of(chosen.base),
+        chosen.regressors.gram,
+        chosen.regressors.columns,
+        chosen.steady,
+        chosen.without_events,
     )
     excess = _excess(residual, twin, joint, spectral, known)
     findings = _findings(checks, chosen, candidates, joint)
@@ -210,8 +215,25 @@ def _findings(
     if chosen.wandering is not None:
         out.append(of_wander(chosen.wandering))
     out += [c.finding for c in candidates if c.named and c.finding.name not in spectra.EFFECTS]
-    out += joint.findings
+    out += [finding for finding in joint.findings if not _of_the_mode(finding, joint)]
     return tuple(sorted(out, key=lambda finding: -finding.evidence_nats))
+
+
+def _of_the_mode(finding: Finding, joint: JointFit) -> bool:
+    """A line within the width of a second mode that was found about the same axis is that mode's own peak."""
+    mode = next((other for other in joint.findings if other.name == "second_mode"), None)
+    if finding.name != "narrowband_vibration" or mode is None:
+        return False
+    if _number(mode, "axis") != _number(finding, "axis"):
+        return False
+    frequency, damping = float(_number(mode, "frequency")), float(_number(mode, "damping"))
+    return abs(2.0 * np.pi * float(_number(finding, "frequency")) - frequency) < 3.0 * damping
+
+
+def _number(finding: Finding, name: str) -> float | str:
+    value = finding.parameters[name]
+    assert isinstance(value, ParameterEstimate)
+    return value.value
 
 
 def _errors(trial: Trial, twin: Twin, built: list[Effect], rng: np.random.Generator) -> Errors | None:

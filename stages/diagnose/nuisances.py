@@ -44,8 +44,10 @@ class Nuisance:
     sigma: float
 
 
-def believed_nuisances(obs: Observations, at: Linearisation, response: Response) -> tuple[Nuisance, ...]:
-    """Those of every log: constants, and how flexure moves the lever arm."""
+def believed_nuisances(
+    obs: Observations, at: Linearisation, response: Response, jumps: Sequence[float] = ()
+) -> tuple[Nuisance, ...]:
+    """Those of every log: constants, and how flexure moves the lever arm; jumps: s, at which no lever moves."""
     one = np.ones(len(obs.t))
     kinds: tuple[tuple[str, Callable[[FloatArray], Signals], float], ...] = (
         ("gyro bias", lambda x: Signals(gyro=x), GYRO_BIAS),
@@ -58,16 +60,16 @@ def believed_nuisances(obs: Observations, at: Linearisation, response: Response)
         for kind, signals, sigma in kinds
         for axis in range(3)
     ]
-    return (*constants, *_couplings(obs, at))
+    return (*constants, *_couplings(obs, at, jumps))
 
 
-def _couplings(obs: Observations, at: Linearisation) -> list[Nuisance]:
+def _couplings(obs: Observations, at: Linearisation, jumps: Sequence[float]) -> list[Nuisance]:
     """How flexure moves the lever arm: each element of B, and each column's share above a corner frequency.
 
     The lever follows flexure only below some frequency, with a lag or without: what it lacks is a mixture of
     ``theta - LP(theta)`` over corners, with first-order filters of either kind.
     """
-    theta = full_rate(obs, at.R_ref)
+    theta = without_jumps(obs.t, full_rate(obs, at.R_ref), jumps)
     size = COUPLING_SHARE * max(float(np.linalg.norm(at.lever_arm)), 1.0)
     moved = _moved(obs, theta)
     out = [
@@ -97,6 +99,16 @@ def seen_flexure(obs: Observations, R_ref: FloatArray) -> FloatArray:
     """(n, 3) rad, the flexure that the gyros show, freed of their drift."""
     theta = full_rate(obs, R_ref)
     return theta - _moving_mean(theta, max(3, int(DRIFT_WINDOW_S / float(np.median(np.diff(obs.t))))))
+
+
+def without_jumps(t: FloatArray, theta: FloatArray, jumps: Sequence[float]) -> FloatArray:
+    """theta (n, 3) less what it changes by in the one sample that ends at each time, beyond its neighbours' change."""
+    out = theta.copy()
+    for time in jumps:
+        k = int(np.clip(np.argmin(np.abs(t - time)), 2, len(t) - 2))
+        change = theta[k] - theta[k - 1] - 0.5 * (theta[k - 1] - theta[k - 2] + theta[k + 1] - theta[k])
+        out[k:] -= change
+    return out
 
 
 def full_rate(obs: Observations, R_ref: FloatArray) -> FloatArray:

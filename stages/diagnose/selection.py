@@ -35,6 +35,7 @@ MEAN = tuple(name for name in effects.names() if effects.get(name).predict.__fun
 MOST = 4  # effects named in one log
 NEGLIGIBLE = 5e-4  # of the first one's evidence: later picks below it are what linearisation leaves
 NULL_DRAWS = 100
+PARAMETRIC_SHARE = 0.8  # of a wandering bias's evidence: an effect that reaches it explains it with fewer numbers
 FLOOR_S = 1800.0  # of record for which the floor holds; longer ones need more
 KEPT_SHARE = 0.8  # of the threshold, below which a pick is dropped again beside the others
 PERIOD_ROUNDS = 4
@@ -87,6 +88,27 @@ class Selection:
         return own if match is None else np.hstack([own, match.y])
 
     @property
+    def _events(self) -> list[int]:
+        """Places of false gyro samples and of steps: what blocks that do not hold them know nothing of."""
+        found = self.regressors
+        steps = [name for pick in self.picks if "time" in pick.group.shape for name in _kept(found, pick).names]
+        impulses = [k for k, name in enumerate(found.nuisances) if name.startswith("impulse")]
+        return [*impulses, *found.gram.index(steps)]
+
+    @property
+    def steady(self) -> list[int]:
+        """Places of nuisances and of all that the picks have, events left out."""
+        return [k for k in self.explained if k not in self._events]
+
+    @property
+    def without_events(self) -> FloatArray:
+        """(N, m) whitened innovations less the events, as fitted beside everything else."""
+        G, fitted, events = self.regressors.gram, self.fitted, self._events
+        value = dict(zip(fitted, solve(G.total, G.precision, fitted).value))
+        taken = self.regressors.columns[:, :, events] @ np.array([value[k] for k in events])
+        return np.asarray(self.values - taken)
+
+    @property
     def fitted(self) -> list[int]:
         """Places of all that the last fit has: nuisances, false samples, picks."""
         return [
@@ -135,7 +157,7 @@ def select(
             alone |= {instability.NAME: moved.evidence} if moved else {}
         best = max(scored, key=lambda name: scored[name][0] - thresholds.get(name, FLOOR_NATS), default=None)
         gain = scored[best][0] if best is not None else -np.inf
-        if moved is not None and moved.evidence > max(gain, FLOOR_NATS):
+        if moved is not None and moved.evidence > max(gain / PARAMETRIC_SHARE, FLOOR_NATS):
             wandering = moved
         elif best is None or len(picks) == MOST or not _worth(gain, thresholds[best], alone, picks):
             break
