@@ -16,7 +16,7 @@ GYRO_NOISE = 1.4e-3 * DEG_PER_SQRT_HOUR  # of the difference of two fibre gyros;
 GYRO_NOISE_SPREAD = 2.5  # natural-log sigma of that prior where the rig states nothing
 GYRO_NOISE_STATED_SPREAD = 0.1  # and where it does
 HOLE_S = 0.15  # s, longest bridged stretch that is taken as measured
-BAND_HZ = 6.0  # fitted up to here, or to an eighth of the rate: interpolation between samples dulls what is faster
+BAND_HZ = 6.0  # fitted up to here, or to an eighth of the rate, where interpolation dulls what is faster
 BAD_MISFIT = 0.5  # share of the power of some octave
 SHORT_RECORD = 20.0  # correlation times
 WEAK_SIGMA = 0.35  # standard error of ln sigma
@@ -30,11 +30,13 @@ def gyro_noise_prior(rig: Rig) -> tuple[float, float]:
 
 
 def fit_flexure(
-    t: FloatArray, total: FloatArray, good: BoolArray, rig: Rig, start: FlexureModel | None = None
-) -> FlexureModel:
+    t: FloatArray, total: FloatArray, good: BoolArray, rig: Rig, start: FlexureModel | None = None,
+    dulled: bool = False,
+) -> FlexureModel:  # fmt: skip
     """Whittle fit of increments Log(T_k T_{k-1}^T) in m-axes.
 
-    t: (n,) s; total: (n, 4) R_m_s; good: (n,) measured samples.
+    t: (n,) s; total: (n, 4) R_m_s; good: (n,) measured samples. dulled: fit the lower band alone, because the samples
+    were interpolated.
 
     Raises DataError when no gapless piece is long enough.
     """
@@ -48,7 +50,7 @@ def fit_flexure(
     fits = []
     for axis in range(3):
         data = whittle.periodogram([increments[piece, axis] for piece in pieces])
-        fits.append(_fit_axis(data, T, centre, spread, _start(start, axis)))
+        fits.append(_fit_axis(data, T, centre, spread, _start(start, axis), dulled))
     length = sum(piece.stop - piece.start for piece in pieces) * T
     return _model(fits, length)
 
@@ -69,10 +71,16 @@ def _start(model: FlexureModel | None, axis: int) -> tuple[float, float, float, 
 
 
 def _fit_axis(
-    data: whittle.Periodogram, T: float, centre: float, spread: float, start: tuple[float, float, float, float] | None
+    data: whittle.Periodogram,
+    T: float,
+    centre: float,
+    spread: float,
+    start: tuple[float, float, float, float] | None,
+    dulled: bool,
 ) -> whittle.WhittleFit:
     """From the last model if there is one; anew if that leaves an octave badly explained."""
-    band = (data.omega <= max(2.0 * np.pi * BAND_HZ * T, 0.25 * np.pi)).astype(float)
+    highest = max(2.0 * np.pi * BAND_HZ * T, 0.25 * np.pi) if dulled else np.pi
+    band = (data.omega <= highest).astype(float)
     fit = whittle.fit(data, T, noise_prior=centre, noise_spread=spread, weight=band, start=start)
     if start is None or abs(fit.misfit) < BAD_MISFIT:
         return fit

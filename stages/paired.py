@@ -7,7 +7,7 @@ each step of the velocity of the sub-IMU relative to the main one in m-axes, ``u
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,6 +25,7 @@ LONG_RECORD_S = 3700.0  # s: beyond it the step is doubled, which halves time an
 SHORTEST_S = 10.0  # s
 SLAB = 1 << 18  # samples
 CARRIED_GAP_S = 0.1  # s: a longer gap is carried by the other unit, a shorter one by a straight line
+DULL_SHARE = 0.05  # of the interval, by which the instants lie between samples
 MARGIN_S = 2.0  # s: more than any delay that is looked for
 
 
@@ -82,7 +83,8 @@ class Observations:
     jump_s: (N,) s bridged within the step, gap_end: (N,) s, when the last of it ended. z: (N, 3) rad at the ends.
     u: (N, 3) m/s, mean over the step, NaN where it has gaps. A_start, A_end, A_mid: (N, 3, 3) of A_m. omega: (N, 3)
     rad/s, mean. rate_m: (N, 3) rad/s of the main IMU at the ends. force_i: (N, 3) m/s^2, mean specific force of
-    the sub in i; force_m: (N, 3), of the main IMU in m. centred: (N,) s from the middle. What multiplies the delay
+    the sub in i; force_m: (N, 3), of the main IMU in m. centred: (N,) s from the middle. dulled: the sub-IMU was
+    interpolated between its samples, which dulls what is fast. What multiplies the delay
     comes from the main IMU, because the sub's own flexure would correlate with it.
     """
 
@@ -104,6 +106,7 @@ class Observations:
     force_i: FloatArray
     force_m: FloatArray
     centred: FloatArray
+    dulled: bool = False
 
     @property
     def A_integral(self) -> FloatArray:
@@ -279,7 +282,15 @@ def observe(paired: Paired, at: Linearisation) -> Observations:
     )
     sub = _restarted(sub, at.R_0)
     bad = paired.main.filled[inside] | _sub_filled(paired.sub, on_sub)
-    return _per_step(bad, main, sub, paired.main.gyro[inside], at)
+    obs = _per_step(bad, main, sub, paired.main.gyro[inside], at)
+    return replace(obs, dulled=_between_samples(paired.sub.t, on_sub) > DULL_SHARE)
+
+
+def _between_samples(t: FloatArray, at: FloatArray) -> float:
+    """Usual distance of instants from the nearest sample, as a share of the interval."""
+    k = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
+    nearest = np.minimum(np.abs(at - t[k]), np.abs(at - t[k - 1]))
+    return float(np.median(nearest) / np.median(np.diff(t)))
 
 
 def _restarted(path: matching.Strapdown, start: FloatArray) -> matching.Strapdown:

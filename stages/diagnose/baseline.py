@@ -24,6 +24,7 @@ from stages.diagnose.nuisances import (
     Nuisance,
     believed_nuisances,
     full_rate,
+    gyro_lag,
     impulses,
     slow_bending,
     steps,
@@ -85,7 +86,11 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     at = Linearisation.at(believed, source.lever_arm)
     obs = _without_slow_bending(observe(paired, at), source, at.coupling)
     response = Response(obs, at.R_ref, at.coupling)
-    own = (*slow_bending(source, response), *structure(source, obs, at.R_ref, response))
+    own = (
+        *slow_bending(source, response),
+        *structure(source, obs, at.R_ref, response),
+        *gyro_lag(source, obs, at.R_ref, response),
+    )
     match = whitening.phins_match(source.trial, obs)
     tuner = Tuner(obs, at, match, (*believed_nuisances(obs, at, response), *own))
     levels = _first_levels(source, believed, flexure)

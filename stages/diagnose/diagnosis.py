@@ -120,15 +120,22 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     before = spectra.residual(work, coarse, twin)
     say("events")
     wild, found = events.examine(before, twin)
+    calm = events.remove(work, _surely_wild(wild, found))
+    low_pass = _low_pass(events.without(before, found), twin, names)
+    sharp = compensate(calm, [as_effect(finding) for finding in low_pass], twin).trial if low_pass else calm
     say("mean effects")
-    chosen = select(events.remove(work, _surely_wild(wild, found)), twin, coarse, rng, names)
+    chosen = select(sharp, twin, coarse, rng, names, bool(low_pass))
     say("spectra")
     aligned = _aligned(chosen, coarse)
-    whole = spectra.residual(chosen.clean, aligned, twin)
+    clean = chosen.clean
+    if low_pass:  # its spectrum tells the cutoff best as it was recorded
+        clean = compensate(calm, [pick.effect for pick in chosen.picks], twin).trial
+    whole = spectra.residual(clean, aligned, twin)
     slams, found = events.examine(whole, twin)
     residual = events.without(whole, found)
     known = tuple(finding.name for finding in checks.findings if finding.name in spectra.NOISES)
-    spectral, joint = _spectral(residual, twin, _not_alike(chosen, names), known)
+    first = tuple(finding.name for finding in low_pass)
+    spectral, joint = _spectral(residual, twin, _not_alike(chosen, names), known, first)
     # Wild samples were taken out before the mean effects; slams show best once those are gone too.
     timed = [c for c in wild if c.finding.name == "outliers"] + [c for c in slams if c.finding.name == "slamming"]
     candidates = (*(c for c in timed if c.finding.name in names), *spectral)
@@ -144,6 +151,15 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     excess = _excess(residual, twin, joint, spectral, known)
     findings = _findings(checks, chosen, candidates, joint)
     return Evidence(checks, chosen, candidates, found, before, residual, joint, ceiling, excess, findings)
+
+
+def _low_pass(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) -> tuple[Finding, ...]:
+    """A low-pass of the gyros whose lag is its own: to be taken out before a delay is looked for, which it would pass
+    for."""
+    if "gyro_bandwidth" not in names:
+        return ()
+    told = (c for c in spectra.examine(residual, twin) if c.finding.name == "gyro_bandwidth" and c.named)
+    return tuple(c.finding for c in told)
 
 
 def _surely_wild(candidates: tuple[Candidate, ...], found: events.Found) -> events.Found:
@@ -174,16 +190,16 @@ def _not_alike(chosen: Selection, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _spectral(
-    residual: FullRateResidual, twin: Twin, names: tuple[str, ...], known: tuple[str, ...]
+    residual: FullRateResidual, twin: Twin, names: tuple[str, ...], known: tuple[str, ...], first: tuple[str, ...]
 ) -> tuple[tuple[Candidate, ...], JointFit]:
     """Candidates as each would be alone, and the joint fit of those that stand beside each other.
 
-    known: effects found by the direct checks, whose noise stands in the spectra.
+    known: effects found by the direct checks, whose noise stands in the spectra. first: those that are named already.
     """
     allowed = [name for name in spectra.EFFECTS if name in names]
     alone = tuple(c for c in spectra.examine(residual, twin, known) if c.finding.name in allowed)
-    named: list[str] = []
-    now = alone
+    named = list(first)
+    now = tuple(c for c in spectra.examine(residual, twin, (*known, *named)) if c.finding.name in allowed)
     while len(named) < MOST_SPECTRAL:
         best = max((c for c in now if c.named), key=lambda c: c.finding.evidence_nats, default=None)
         if best is None:

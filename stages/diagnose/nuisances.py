@@ -27,6 +27,7 @@ ACCEL_BIAS = 50.0 * MICRO_G
 STATIC = 5.0 * ARCMIN
 INSTALLATION = 2.0 * ARCMIN
 IMPULSE = 0.01  # rad
+LAG = 1e-3  # s
 SLOW_SHARE = 0.1  # of the quasi-static amplitude
 COUPLING_SHARE = 0.1  # of the lever arm
 DRIFT_WINDOW_S = 60.0  # s, over which theta is freed of the gyros' drift
@@ -156,6 +157,16 @@ def structure(source: Believed, obs: Observations, R_ref: FloatArray, response: 
             bending = on_axis(axis, driven(mu, b2, step, -moment))
             out.append(Nuisance(f"{name} {'xyz'[axis]}", response(Signals(bending=bending)), STIFFNESS_SHARE))
     return out
+
+
+def gyro_lag(source: Believed, obs: Observations, R_ref: FloatArray, response: Response) -> list[Nuisance]:
+    """Seconds by which the gyros alone lag, beyond the low-pass that was taken out."""
+    if not source.lagging:
+        return []
+    main, stamp = source.trial.main, source.trial.seconds(source.trial.main.stamp)
+    omega = np.stack([np.interp(obs.t, stamp, column) for column in main.gyro.T], axis=1) @ R_ref
+    slope = np.gradient(omega, float(np.median(np.diff(obs.t))), axis=0)
+    return [Nuisance("gyro lag", response(Signals(gyro=-slope)), LAG)]
 
 
 def slow_bending(source: Believed, response: Response) -> list[Nuisance]:

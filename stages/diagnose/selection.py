@@ -135,7 +135,7 @@ class Selection:
 
 def select(
     trial: Trial, twin: Twin, coarse: Alignment, rng: np.random.Generator,
-    library: Collection[str] = (*MEAN, instability.NAME),
+    library: Collection[str] = (*MEAN, instability.NAME), lagging: bool = False,
 ) -> Selection:  # fmt: skip
     """Name mean effects one after the other until the next one's held-out evidence does not beat its threshold."""
     names = [name for name in MEAN if name in library]
@@ -145,7 +145,7 @@ def select(
     wandering: Wander | None = None
     thresholds: dict[str, float] = {}
     for _ in range(MOST + 1):
-        base, found, clean = _about(trial, twin, coarse, picks, names, levels, wandering)
+        base, found, clean = _about(trial, twin, coarse, picks, names, levels, wandering, lagging)
         levels = base.levels
         gram, taken = _frozen(found, picks)
         picks = _refined(found, gram, picks, taken)
@@ -167,7 +167,7 @@ def select(
     while weakest := _unworthy(chosen):
         picks = tuple(pick for pick in chosen.picks if pick.group.effect != weakest)
         wandering = None if weakest == instability.NAME else chosen.wandering
-        base, found, clean = _about(trial, twin, coarse, picks, names, chosen.base.levels, wandering)
+        base, found, clean = _about(trial, twin, coarse, picks, names, chosen.base.levels, wandering, lagging)
         gram, taken = _frozen(found, picks)
         chosen = _finished(_refined(found, gram, picks, taken), base, found, clean, alone, thresholds, wandering)
     return chosen
@@ -196,13 +196,13 @@ def _worth(evidence: float, threshold: float, alone: Mapping[str, float], picks:
 
 def _about(
     trial: Trial, twin: Twin, coarse: Alignment, picks: Sequence[Pick], names: Sequence[str], levels: Levels | None,
-    wandering: Wander | None,
+    wandering: Wander | None, lagging: bool,
 ) -> tuple[Baseline, Regressors, Trial]:  # fmt: skip
     """Baseline, regressors and log with the picks taken out."""
     named = [pick.effect for pick in picks]
     clean = compensate(trial, named, twin).trial if picks else trial
     arm = reduce(lambda changed, effect: effect.twin(changed), named, twin).mount.lever_arm
-    base = baseline(believed(clean, section(twin, "mount", lever_arm=arm)), coarse, levels)
+    base = baseline(believed(clean, section(twin, "mount", lever_arm=arm), lagging), coarse, levels)
     if wandering is not None:
         made = instability.as_nuisances(instability.basis(base), wandering.std, wandering.tau)
         base = extended(base, [*made, *instability.mean_nuisances(base, wandering.std, wandering.tau)])

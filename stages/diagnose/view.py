@@ -22,10 +22,14 @@ QUASI_STATIC_LEAST = 1e-6  # arcmin
 
 @dataclass(frozen=True)
 class Believed:
-    """A log with what the twin says of its sensors taken out; the noise it says stays, stated in the rig."""
+    """A log with what the twin says of its sensors taken out; the noise it says stays, stated in the rig.
+
+    lagging: the gyros were found to lag by a low-pass that is taken out, how far exactly is for the regression.
+    """
 
     trial: Trial
     twin: Twin
+    lagging: bool = False
 
     @property
     def static(self) -> FloatArray:
@@ -38,14 +42,16 @@ class Believed:
         return np.array(self.twin.mount.lever_arm)
 
 
-def believed(trial: Trial, twin: Twin) -> Believed:
+def believed(trial: Trial, twin: Twin, lagging: bool = False) -> Believed:
     """Gyros and accelerometers of both units without the biases, scale factors and skew of the twin."""
     main, sub = _corrected(trial.main, twin.imu.main), _corrected(trial.sub, twin.imu.sub)
     phins_main = _turned(trial.phins_main, twin.phins.installation_main_deg)
     phins_sub = _turned(trial.phins_sub, twin.phins.installation_sub_deg)
     rig = replace(trial.rig, main=_grade(trial.rig.main, twin.imu.main), sub=_grade(trial.rig.sub, twin.imu.sub))
     rig = _with_lever(rig, twin)
-    return Believed(replace(trial, main=main, sub=sub, phins_main=phins_main, phins_sub=phins_sub, rig=rig), twin)
+    return Believed(
+        replace(trial, main=main, sub=sub, phins_main=phins_main, phins_sub=phins_sub, rig=rig), twin, lagging
+    )
 
 
 def _corrected(series: ImuSeries, belief: Imu) -> ImuSeries:

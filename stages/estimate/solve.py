@@ -121,7 +121,9 @@ class Job:
         solution = Solution(at, noise, obs, course, _resolved(course, smoothed), flexure)
         if not identify:
             return solution
-        return replace(solution, flexure=fit_flexure(obs.t, solution.total, obs.good, self.trial.rig, flexure))
+        return replace(
+            solution, flexure=fit_flexure(obs.t, solution.total, obs.good, self.trial.rig, flexure, obs.dulled)
+        )
 
     def after(self, solution: Solution) -> tuple[Linearisation, m.Noise, FlexureModel]:
         """The next linearisation, tuned noise and flexure after one round."""

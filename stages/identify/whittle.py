@@ -36,7 +36,7 @@ class Whittle:
         drift, unsure = _drift(obs)
         d = np.nan_to_num(np.einsum("kij,kj->ki", obs.A_end, drift))
         total = obs.total(d, np.zeros(len(obs.dt)))
-        return fit_flexure(obs.t, total, obs.good & ~unsure, trial.rig)
+        return fit_flexure(obs.t, total, obs.good & ~unsure, trial.rig, dulled=obs.dulled)
 
 
 def _drift(obs: Observations) -> tuple[FloatArray, BoolArray]:
