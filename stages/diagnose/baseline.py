@@ -29,6 +29,7 @@ from stages.diagnose.nuisances import (
     slow_bending,
     steps,
     structure,
+    tolerances,
 )
 from stages.diagnose.view import Believed
 from stages.diagnose.whitening import AccelColour, Levels, PhinsMatch, Whitened
@@ -89,6 +90,7 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     own = (
         *slow_bending(source, response),
         *structure(source, obs, at.R_ref, response),
+        *tolerances(source, obs, at.R_ref, response),
         *gyro_lag(source, obs, at.R_ref, response),
     )
     match = whitening.phins_match(source.trial, obs)

@@ -9,10 +9,9 @@ import numpy as np
 
 from schemas.diagnosis import Finding, ParameterEstimate, Parameters, Place
 from stages.diagnose import instability, pictures
-from stages.diagnose.evidence import held_out
 from stages.diagnose.instability import Wander
 from stages.diagnose.regressors import view_of
-from stages.diagnose.selection import Pick, Selection
+from stages.diagnose.selection import Pick, Selection, nats_of
 from twin import effects
 from twin.effects import Effect
 from twin.effects._prediction import Signals
@@ -80,7 +79,7 @@ def _look_alikes(chosen: Selection, pick: Pick, evidence: float) -> tuple[str, .
     for group in chosen.regressors.groups:
         if group.effect in taken or "time" in group.shape or "time" in pick.group.shape:
             continue
-        nats = float(held_out(chosen.gram, base, chosen.gram.index(group.names)).sum())
+        nats = nats_of(chosen.gram, base, group)
         if nats >= max(ALIKE_SHARE * evidence, evidence - ALIKE_NATS) - 1e-9 and nats > 0.0:
             found[group.effect] = max(nats, found.get(group.effect, 0.0))
     return tuple(sorted(found, key=lambda name: -found[name]))

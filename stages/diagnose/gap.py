@@ -7,7 +7,7 @@ import numpy as np
 from schemas.diagnosis import Comparison, Finding, Gap
 from schemas.rig import FloatArray
 from stages.diagnose.evidence import gram, held_out
-from stages.diagnose.selection import Selection
+from stages.diagnose.selection import TOLERATED, Selection
 
 DRAWS = 400
 INTERVAL = (2.5, 97.5)
@@ -29,8 +29,9 @@ def _mean_part(chosen: Selection, names: set[str]) -> FloatArray:
     base = [k for k in chosen.explained if k not in more]
     if not more:
         return np.zeros(len(chosen.gram.blocks))
-    timed = any("time" in pick.group.shape for pick in chosen.picks if pick.group.effect in names)
-    if timed:  # an event sits in one block: no other one knows its parameters
+    named = [pick.group for pick in chosen.picks if pick.group.effect in names]
+    # An event sits in one block, of which no other one knows; what a tolerance covers in part is told by its prior.
+    if any("time" in group.shape or group.effect in TOLERATED for group in named):
         total = sum(chosen.evidence[name] for name in names if name in chosen.evidence)
         return np.full(len(chosen.gram.blocks), total / len(chosen.gram.blocks))
     return held_out(chosen.gram, base, more)

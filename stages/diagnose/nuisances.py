@@ -18,14 +18,16 @@ from physics.flexure import driven
 from physics.units import ARCMIN, DEG_PER_HOUR, MICRO_G
 from schemas.rig import FloatArray
 from stages.diagnose.columns import Response, trapezoid_means
-from stages.diagnose.view import Believed
+from stages.diagnose.view import Believed, log_view
 from stages.paired import Linearisation, Observations
+from twin import effects
 from twin.effects._prediction import Signals, on_axis
 
 GYRO_BIAS = 0.05 * DEG_PER_HOUR  # how far a twin's figure may be off without being a gap, one sigma
 ACCEL_BIAS = 50.0 * MICRO_G
-STATIC = 5.0 * ARCMIN
+STATIC = 1.0 * ARCMIN
 INSTALLATION = 2.0 * ARCMIN
+TOLERANCES = {"gyro_scale_factor": 5.0, "gyro_nonorthogonality": 5.0, "accel_scale_factor": 10.0}  # ppm, arcsec, ppm
 IMPULSE = 0.01  # rad
 LAG = 1e-3  # s
 SLOW_SHARE = 0.1  # of the quasi-static amplitude
@@ -157,6 +159,16 @@ def structure(source: Believed, obs: Observations, R_ref: FloatArray, response: 
             bending = on_axis(axis, driven(mu, b2, step, -moment))
             out.append(Nuisance(f"{name} {'xyz'[axis]}", response(Signals(bending=bending)), STIFFNESS_SHARE))
     return out
+
+
+def tolerances(source: Believed, obs: Observations, R_ref: FloatArray, response: Response) -> list[Nuisance]:
+    """Small errors of the sub-IMU's scale factors and axes, which no calibration leaves out."""
+    view = log_view(source, obs, R_ref, np.zeros((len(obs.t), 3)))
+    return [
+        Nuisance(f"{name} {column.parameter}", response(column.signals), sigma)
+        for name, sigma in TOLERANCES.items()
+        for column in effects.get(name).predict(view)
+    ]
 
 
 def gyro_lag(source: Believed, obs: Observations, R_ref: FloatArray, response: Response) -> list[Nuisance]:

@@ -19,9 +19,10 @@ from schemas.trial import Trial
 from stages.diagnose import instability, whitening
 from stages.diagnose.baseline import Baseline, baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
-from stages.diagnose.evidence import Gram, held_out, null_evidence, shifted, solve
+from stages.diagnose.evidence import Gram, gain, held_out, null_evidence, shifted, solve
 from stages.diagnose.instability import Wander
 from stages.diagnose.latency import main_match
+from stages.diagnose.nuisances import TOLERANCES
 from stages.diagnose.regressors import Group, Regressors, regressors, view_of
 from stages.diagnose.view import believed
 from stages.diagnose.whitening import Levels
@@ -32,6 +33,7 @@ from twin.effects import Effect
 from twin.effects._change import section
 
 MEAN = tuple(name for name in effects.names() if effects.get(name).predict.__func__ is not Effect.predict.__func__)  # type: ignore[attr-defined]
+TOLERATED = ("gyro_bias", "accel_bias", "static_misalignment", *TOLERANCES)
 MOST = 4  # effects named in one log
 NEGLIGIBLE = 5e-4  # of the first one's evidence: later picks below it are what linearisation leaves
 NULL_DRAWS = 100
@@ -156,10 +158,10 @@ def select(
             alone = {name: score for name, (score, _) in scored.items()}
             alone |= {instability.NAME: moved.evidence} if moved else {}
         best = max(scored, key=lambda name: scored[name][0] - thresholds.get(name, FLOOR_NATS), default=None)
-        gain = scored[best][0] if best is not None else -np.inf
-        if moved is not None and moved.evidence > max(gain / PARAMETRIC_SHARE, FLOOR_NATS):
+        told = scored[best][0] if best is not None else -np.inf
+        if moved is not None and moved.evidence > max(told / PARAMETRIC_SHARE, FLOOR_NATS):
             wandering = moved
-        elif best is None or len(picks) == MOST or not _worth(gain, thresholds[best], alone, picks):
+        elif best is None or len(picks) == MOST or not _worth(told, thresholds[best], alone, picks):
             break
         else:
             picks = (*picks, _picked(base, found, gram, picks, scored[best][1]))
@@ -276,7 +278,22 @@ def _scored(found: Regressors, gram: Gram, picks: Sequence[Pick]) -> dict[str, t
 def _score(found: Regressors, gram: Gram, base: Sequence[int], group: Group) -> float:
     if "time" in group.shape:
         return event_evidence(found, base, group)
+    return nats_of(gram, base, group)
+
+
+def nats_of(gram: Gram, base: Sequence[int], group: Group) -> float:
+    """Evidence of a group without a time on top of regressors: held out, or beyond the twin's tolerance."""
+    if group.effect in TOLERATED:
+        return beyond_tolerance(gram, base, group.names)
     return float(held_out(gram, base, gram.index(group.names)).sum())
+
+
+def beyond_tolerance(gram: Gram, base: Sequence[int], names: Sequence[str]) -> float:
+    """Nats by which an effect that the twin's tolerance covers in part beats that tolerance.
+
+    Its columns are among the nuisances, so that it fits no better than they do: what it saves is their prior's cost.
+    """
+    return gain(gram, base, gram.index(names)) - len(names)
 
 
 def event_evidence(found: Regressors, base: Sequence[int], group: Group) -> float:
@@ -296,7 +313,7 @@ def _thresholds(found: Regressors, gram: Gram, picks: Sequence[Pick], rng: np.ra
     # What linearisation and the motion's model miss grows with the record, as evidence does.
     floor = FLOOR_NATS * max(1.0, length / FLOOR_S)
     out = {group.effect: floor for group in found.groups}
-    groups = [group for group in found.groups if "time" not in group.shape]
+    groups = [group for group in found.groups if "time" not in group.shape and group.effect not in TOLERATED]
     reached = null_evidence(gram, base, [gram.index(group.names) for group in groups], rng, NULL_DRAWS)
     for group, high in zip(groups, reached):
         out[group.effect] = max(out[group.effect], 1.5 * float(high))
@@ -359,6 +376,8 @@ def _finished(
         group = _kept(found, pick)
         if "time" in group.shape:
             evidence[pick.group.effect] = alone[pick.group.effect]
+        elif group.effect in TOLERATED:
+            evidence[pick.group.effect] = beyond_tolerance(restored, _with(found, others), group.names)
         else:
             evidence[pick.group.effect] = float(
                 held_out(restored, _with(found, others), restored.index(group.names)).sum()
