@@ -28,7 +28,7 @@ def of_pick(chosen: Selection, pick: Pick) -> Finding:
     told = {item.name: item.separated_by for item in effects.look_alikes(name, _channels(chosen))}
     return Finding(
         name=name,
-        parameters=_parameters(pick),
+        parameters=_parameters(pick, float(np.median(np.diff(chosen.base.obs.t)))),
         evidence_nats=float(evidence),
         ambiguous_with=alike,
         separated_by=tuple(told.get(other, "another sea state, or a manoeuvre") for other in alike),
@@ -53,7 +53,8 @@ def of_wander(found: Wander) -> Finding:
     )
 
 
-def _parameters(pick: Pick) -> Parameters:
+def _parameters(pick: Pick, interval: float) -> Parameters:
+    """interval: s between samples of the log."""
     units = {item.name: item.unit for item in effects.get(pick.group.effect).parameters()}
     std = np.sqrt(np.diag(pick.covariance))
     out: dict[str, Any] = {}
@@ -65,7 +66,7 @@ def _parameters(pick: Pick) -> Parameters:
         else:
             out[owner] = estimate
     for key, value in pick.group.shape.items():
-        spread = pick.shape_std if key == "period" else 0.5 * float(np.median(np.diff(np.array([0.0, 0.01]))))
+        spread = pick.shape_std if key == "period" else 0.5 * interval  # a step is found to the sample
         out[key] = ParameterEstimate(float(value), float(spread), units[key])
     return out
 
