@@ -216,9 +216,12 @@ def _spectral(
 def _excess(
     residual: FullRateResidual, twin: Twin, joint: JointFit, spectral: tuple[Candidate, ...], known: tuple[str, ...]
 ) -> Excess:
-    """What the spectra leave; a log that was dulled by whatever wrote it, and not by the gyros, is no gap."""
+    """What the spectra leave; a log that was dulled by whatever wrote it or interpolated it, and not by the gyros, is
+    no gap."""
     named = tuple(finding.name for finding in joint.findings)
-    dulled = [c for c in spectral if c.finding.name == "gyro_bandwidth" and c.reason and c.finding.evidence_nats > 0.0]
+    dulled = residual.interpolated or any(
+        c.finding.name == "gyro_bandwidth" and c.reason and c.finding.evidence_nats > 0.0 for c in spectral
+    )
     if dulled and "gyro_bandwidth" not in named:
         joint = spectra.fit(residual, twin, (*known, *named, "gyro_bandwidth"))
     return goodness.excess(goodness.data_of(residual, joint), joint)
