@@ -1,0 +1,40 @@
+"""Trends of an archive: the static angle over months, the flexure against the sea."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from schemas.rig import FloatArray
+from schemas.trial import IntArray
+from stages.archive.line import Line, fitted
+
+MONTH_NS = 365.2425 / 12.0 * 86400.0 * 1e9
+"""The mean month of the calendar, ns."""
+
+
+def months_since(stamp: IntArray, epoch: int) -> FloatArray:
+    """Mean months from epoch to stamp (n,), both ns UTC."""
+    return np.asarray((np.asarray(stamp, dtype=np.int64) - epoch) / MONTH_NS, dtype=float)
+
+
+def drift(stamp: IntArray, angle: FloatArray, std: FloatArray, epoch: int) -> Line:
+    """angle (n,) with std (n,) over months since epoch: the slope is in the angle's unit per month."""
+    return fitted(months_since(stamp, epoch), angle, std)
+
+
+def power_law(sea: FloatArray, flexure: FloatArray, log_std: FloatArray) -> Line:
+    """ln flexure = value + slope (ln sea - centre): flexure grows as the slope-th power of the sea.
+
+    log_std: (n,) standard deviation of ln flexure. Logs in which either is not positive are left out.
+    """
+    good = (np.asarray(sea) > 0) & (np.asarray(flexure) > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = np.where(good, np.log(sea), np.nan), np.where(good, np.log(flexure), np.nan)
+    return fitted(x, y, log_std)
+
+
+def apart(line: Line, x: FloatArray, y: FloatArray, std: FloatArray) -> FloatArray:
+    """(n,) distance of the points from their line, in standard deviations of point, excess and line together."""
+    expected, uncertain = line.at(x)
+    spread = np.sqrt(np.asarray(std, dtype=float) ** 2 + line.excess**2 + uncertain**2)
+    return np.asarray((np.asarray(y, dtype=float) - expected) / spread)
