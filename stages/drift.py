@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import solveh_banded
 
 from schemas.rig import FloatArray
+from schemas.trial import IntArray
 from stages.paired import Observations
 
 BREAK_S = 0.1  # s: bridging a longer gap can miss more of the relative rotation than flexure moves meanwhile
@@ -36,3 +38,30 @@ def _fitted(z: FloatArray, A_T: FloatArray, A_integral: FloatArray) -> FloatArra
     scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-12)
     solution = np.linalg.lstsq(matrix / scale, shown[seen].reshape(-1), rcond=1e-6)[0] / scale
     return np.asarray(columns @ solution)
+
+
+def slow_part(t: FloatArray, x: FloatArray, breaks: IntArray, knot_s: float) -> FloatArray:
+    """x (N, c) at t (N,) s by least squares as straight lines between knots at least knot_s apart; anew at breaks."""
+    out = np.empty_like(x)
+    for first, last in zip([0, *breaks], [*breaks, len(t)]):
+        piece = slice(int(first), int(last))
+        out[piece] = _polyline(t[piece], x[piece], knot_s)
+    return out
+
+
+def _polyline(t: FloatArray, x: FloatArray, knot_s: float) -> FloatArray:
+    length = t[-1] - t[0]
+    if len(t) < 3 or length <= 0.0:
+        return x
+    count = max(int(length / knot_s), 1)
+    place = (t - t[0]) / length * count
+    left = np.minimum(place.astype(int), count - 1)
+    weight = place - left
+    normal, right = np.zeros((2, count + 1)), np.zeros((count + 1, x.shape[1]))
+    for share, k in ((1.0 - weight, left), (weight, left + 1)):
+        normal[1] += np.bincount(k, share**2, count + 1)
+        for c in range(x.shape[1]):
+            right[:, c] += np.bincount(k, share * x[:, c], count + 1)
+    normal[0, 1:] = np.bincount(left, weight * (1.0 - weight), count)
+    node = solveh_banded(normal, right)
+    return np.asarray((1.0 - weight)[:, None] * node[left] + weight[:, None] * node[left + 1])

@@ -19,10 +19,11 @@ from physics.rotations import skew
 from schemas.products import Alignment, FlexureModel
 from schemas.rig import FloatArray
 from schemas.trial import Trial
+from stages.drift import slow_part
 from stages.estimate import model as m
 from stages.estimate import tuning
 from stages.flexure_fit import fit_flexure
-from stages.paired import Linearisation, Observations, Paired, observe, pair
+from stages.paired import CARRIED_GAP_S, Linearisation, Observations, Paired, observe, pair
 
 COVARIANCE_STRIDE = 5  # steps: a second
 PILOT_S = 900.0  # s of record on which noise levels are found first
@@ -34,6 +35,7 @@ CHOICE_NATS = 4.0  # by how much the likelihood must gain before a default is le
 DISAGREEMENT = 16.3  # chi-square with 3 degrees of freedom, 0.1 %
 HOPELESS = 1.0  # m/s: beyond it the accelerometers are left out
 WEAKER = 3.0  # factor on the velocity noise when the accelerometers disagree
+DRIFT_KNOT_S = 60.0  # s: what drifts faster is left to the fit of flexure, which knows the gyros' noise
 RESOLVED = 1e-4  # smoothed over filtered variance below which P - P Lambda P has lost its digits
 
 OUT = np.array([m.D, m.D + 1, m.D + 2, m.DELAY, m.DRIFT, m.PHI, m.PHI + 1, m.PHI + 2])
@@ -122,7 +124,7 @@ class Job:
         if not identify:
             return solution
         return replace(
-            solution, flexure=fit_flexure(obs.t, solution.total, obs.good, self.trial.rig, flexure, obs.dulled)
+            solution, flexure=fit_flexure(obs.t, _undrifted(solution), obs.good, self.trial.rig, flexure, obs.dulled)
         )
 
     def after(self, solution: Solution) -> tuple[Linearisation, m.Noise, FlexureModel]:
@@ -187,6 +189,17 @@ class Job:
             noise = replace(noise, velocity=WEAKER * noise.velocity)
             solution = self.round(obs, at, noise, flexure, False)
         return solution
+
+
+def _undrifted(solution: Solution) -> FloatArray:
+    """(n, 4) R_m_s with the slow part of the drift alone taken out, for a fit of flexure that knows the gyros' noise.
+
+    The smoothed drift holds, beside the gyros' noise, a share of the flexure. Were all of it taken out, the fit would
+    miss both, the next round would take more, and so on until no flexure is left.
+    """
+    obs, x = solution.obs, solution.smoothed.x.copy()
+    x[:, :3] = slow_part(obs.t[obs.index], x[:, :3], np.flatnonzero(obs.jump_s > CARRIED_GAP_S), DRIFT_KNOT_S)
+    return total_rotation(obs, x)
 
 
 def _resolved(filtered: Course, smoothed: Smoothed) -> Smoothed:
