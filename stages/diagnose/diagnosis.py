@@ -158,8 +158,7 @@ def _low_pass(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) ->
     for."""
     if "gyro_bandwidth" not in names:
         return ()
-    told = (c for c in spectra.examine(residual, twin) if c.finding.name == "gyro_bandwidth" and c.named)
-    return tuple(c.finding for c in told)
+    return tuple(c.finding for c in spectra.examine(residual, twin, names=["gyro_bandwidth"]) if c.named)
 
 
 def _surely_wild(candidates: tuple[Candidate, ...], found: events.Found) -> events.Found:
@@ -196,16 +195,16 @@ def _spectral(
 
     known: effects found by the direct checks, whose noise stands in the spectra. first: those that are named already.
     """
-    allowed = [name for name in spectra.EFFECTS if name in names]
-    alone = tuple(c for c in spectra.examine(residual, twin, known) if c.finding.name in allowed)
+    now = alone = spectra.examine(residual, twin, known, names)
     named = list(first)
-    now = tuple(c for c in spectra.examine(residual, twin, (*known, *named)) if c.finding.name in allowed)
+    if named:
+        now = spectra.examine(residual, twin, (*known, *named), names)
     while len(named) < MOST_SPECTRAL:
         best = max((c for c in now if c.named), key=lambda c: c.finding.evidence_nats, default=None)
         if best is None:
             break
         named.append(best.finding.name)
-        now = tuple(c for c in spectra.examine(residual, twin, (*known, *named)) if c.finding.name in allowed)
+        now = spectra.examine(residual, twin, (*known, *named), names)
     joint = spectra.fit(residual, twin, (*known, *named))
     while named and (weak := [f.name for f in joint.findings if f.evidence_nats < 0.8 * FLOOR_NATS]):
         named.remove(weak[-1])

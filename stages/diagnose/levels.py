@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from physics.kalman import SparseModel, run_filter
+from physics.kalman import run_filter
 from schemas.rig import FloatArray
 from stages.diagnose import whitening
 from stages.diagnose.columns import lever_velocity
 from stages.diagnose.evidence import solve
 from stages.diagnose.nuisances import Nuisance
-from stages.diagnose.whitening import Levels, PhinsMatch, Whitened
+from stages.diagnose.whitening import Core, Levels, PhinsMatch, Whitened
 from stages.paired import Linearisation, Observations
 
 PILOT_S = 400.0  # of record on which noise is found
@@ -49,13 +49,10 @@ class Tuner:
 
     def whitened(self, levels: Levels) -> tuple[Whitened, FloatArray]:
         """Innovations and nuisances, both scaled so that what the nuisances leave has unit variance per channel."""
-        found = whitening.whiten(self._model(levels), self.obs)
+        found = whitening.whiten(whitening.build(self.obs, levels, self.at.coupling, self.match), self.obs)
         left = residual(found, whitening.whiten_columns(found, self.raw), self.precision)
         found = whitening.rescaled(found, left)
         return found, whitening.whiten_columns(found, self.raw)
-
-    def _model(self, levels: Levels) -> SparseModel:
-        return whitening.build(self.obs, levels, self.at.coupling, self.match)
 
     def tuned(self, levels: Levels, rounds: Sequence[Factors]) -> Levels:
         """All noise by likelihood of the middle of the log less its nuisances."""
@@ -92,21 +89,23 @@ class Tuner:
         if self.match is not None:
             changes += [_white, _drift, _tau]
         tried = np.array([1.0, *factors])
-        now = self.channels(levels)
+        made = whitening.core(self.obs, levels.noise, self.at.coupling)
+        now = self.channels(levels, made)
         for change in changes:
-            told = np.stack([now, *(self.channels(change(levels, np.full(3, f))) for f in factors)])
+            told = np.stack([now, *(self.channels(change(levels, np.full(3, f)), made) for f in factors)])
             if change in PER_AXIS:
                 chosen = tried[np.argmax(told[:, 3:6], axis=0)]
             else:
                 chosen = np.full(3, tried[int(np.argmax(told.sum(axis=1)))])
             if np.any(chosen != 1.0):
                 levels = change(levels, chosen)
-                now = self.channels(levels)
+                now = self.channels(levels, made)
         return levels
 
-    def channels(self, levels: Levels) -> FloatArray:
-        """(9,) log-likelihood of the innovations of each channel."""
-        found = run_filter(self._model(levels), STATES, keep=False)
+    def channels(self, levels: Levels, made: Core) -> FloatArray:
+        """(9,) log-likelihood of the innovations of each channel. made: at levels of the same flexure and gyros."""
+        model = whitening.build(self.obs, levels, self.at.coupling, self.match, made)
+        found = run_filter(model, STATES, keep=False)
         S = found.innovation_variance
         return np.asarray(-0.5 * np.nansum(np.log(S) + found.innovation**2 / S, axis=0))
 

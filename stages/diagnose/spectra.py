@@ -68,26 +68,29 @@ class _Trial:
     spread: float = 0.0
 
 
-def examine(residual: FullRateResidual, twin: Twin, named: Collection[str] = ()) -> tuple[Candidate, ...]:
-    """A candidate for every effect of EFFECTS that is not named yet, the strongest first.
+def examine(
+    residual: FullRateResidual, twin: Twin, named: Collection[str] = (), names: Collection[str] = EFFECTS
+) -> tuple[Candidate, ...]:
+    """A candidate for every effect of ``names`` that is not named yet, the strongest first.
 
     named: effects found so far; those that act on spectra are in the model with free parameters. Where gaps leave no
     spectrum nothing can be named, and the reason says so.
     """
+    wanted = [name for name in EFFECTS if name in names and name not in named]
     found = spectral_lines.lines(residual, FLOOR_NATS)
     for line in found:
         residual = spectral_lines.without(residual, line)
     data = spectra(residual)
     if data.poor:
-        return tuple(Candidate(_nothing(name), reason=POOR) for name in EFFECTS if name not in named)
+        return tuple(Candidate(_nothing(name), reason=POOR) for name in wanted)
     base = _named(data, Model.of(twin, data.grid), named)
     dull = _try(data, base, "gyro_bandwidth") if "gyro_bandwidth" not in named else base
     dulled = dull if dull.whole.log_likelihood - base.whole.log_likelihood > DULL_NATS else None
-    out = [_judged(data, base, dulled, name, dull) for name in DENSITIES if name not in named]
+    out = [_judged(data, base, dulled, name, dull) for name in DENSITIES if name in wanted]
     out = [_with_lag(candidate, residual) for candidate in out]
-    if "axis_coupling" not in named:
+    if "axis_coupling" in wanted:
         out.append(_coupled(data, dulled or base))
-    if "narrowband_vibration" not in named:
+    if "narrowband_vibration" in wanted:
         out.extend([_vibration(line) for line in found] or [Candidate(_nothing("narrowband_vibration"))])
     return tuple(sorted(out, key=lambda candidate: -candidate.finding.evidence_nats))
 

@@ -95,6 +95,7 @@ class Spectra:
         part = slice(which, which + 1)
         return Spectra(self.grid, self.power[part], self.count[part], self.share[part], self.duration, self.poor)
 
+    @cached_property
     def pooled(self) -> Spectra:
         """Halves and places in time all together."""
         if self.count.shape[:2] == (1, 1):

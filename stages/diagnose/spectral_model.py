@@ -191,7 +191,7 @@ class Model:
 
     def data(self, spectra: Spectra) -> Spectra:
         """Spectra as this model needs them: pooled over time unless it moves."""
-        return spectra if self.moves else spectra.pooled()
+        return spectra if self.moves else spectra.pooled
 
 
 class _BeforeSampling(GyroBandwidth):

@@ -31,7 +31,9 @@ from twin.config import Phins
 CHANNELS = ("sub.gyro", "sub.accel", "phins_sub.attitude")
 ROWS = 9  # z, u, q
 KEPT = np.concatenate([np.arange(first, first + 3) for first in (m.ZETA, m.THETA_DOT, m.D, m.V, m.JITTER, m.JITTER_BEFORE, m.STEP_D, m.NABLA)])  # fmt: skip # noqa: E501
-D, VELOCITY, COLOUR = (int(np.flatnonzero(state == KEPT)[0]) for state in (m.D, m.V, m.NABLA))
+D, VELOCITY, COLOUR, JITTER, JITTER_BEFORE = (
+    int(np.flatnonzero(state == KEPT)[0]) for state in (m.D, m.V, m.NABLA, m.JITTER, m.JITTER_BEFORE)
+)
 EDGE_S = 5.0  # s left out at both ends, where interpolation and the filter's start would be tested
 OUTLIER_SIGMA = 8.0  # an innovation beyond it belongs to an event, not to a regression
 
@@ -125,12 +127,42 @@ def step_means(values: FloatArray, index: IntArray) -> tuple[FloatArray, FloatAr
         return (total[index + 1] - total[start]) / count[:, None], count
 
 
-def build(obs: Observations, levels: Levels, coupling: FloatArray, match: PhinsMatch | None) -> SparseModel:
-    """The lean model: dynamic states alone, PHINS appended."""
+@dataclass(frozen=True)
+class Core:
+    """The estimator's model reduced to its dynamic states, with the noise it was built for."""
+
+    model: SparseModel
+    noise: m.Noise
+
+
+def core(obs: Observations, noise: m.Noise, coupling: FloatArray) -> Core:
+    """The costly part of :func:`build`, which serves all levels that differ in velocity, jitter and accel alone."""
+    return Core(reduced(m.build(obs, _without_constants(noise), coupling, np.zeros(m.SIZE)), KEPT), noise)
+
+
+def build(
+    obs: Observations, levels: Levels, coupling: FloatArray, match: PhinsMatch | None, made: Core | None = None
+) -> SparseModel:
+    """The lean model: dynamic states alone, PHINS appended. made: the core at levels of the same flexure and gyros."""
     noise = levels.noise
-    full = m.build(obs, _without_constants(noise), coupling, np.zeros(m.SIZE))
-    lean = _with_colour(_with_means(reduced(full, KEPT), obs, noise), obs, levels.colour)
+    model = core(obs, noise, coupling).model if made is None else _relevelled(made, obs, noise)
+    lean = _with_colour(_with_means(model, obs, noise), obs, levels.colour)
     return lean if match is None else _with_phins(lean, obs, match, levels.phins)
+
+
+def _relevelled(made: Core, obs: Observations, noise: m.Noise) -> SparseModel:
+    """A core at other levels of velocity, jitter and accel."""
+    model, Q, P0, variance = made.model, made.model.noise.copy(), made.model.P0.copy(), made.model.variance.copy()
+    variance[:, 3:6] = noise.velocity**2
+    on_diagonal = model.noise_row == model.noise_col
+    for axis in range(3):
+        now, before = JITTER + axis, JITTER_BEFORE + axis
+        Q[:, on_diagonal & (model.noise_row == now)] = noise.jitter[axis] ** 2
+        P0[now, now] = P0[before, before] = noise.jitter[axis] ** 2
+        Q[:, on_diagonal & (model.noise_row == VELOCITY + axis)] += (
+            (noise.accel**2 - made.noise.accel**2) * obs.dt[:, None]
+        )  # fmt: skip
+    return replace(model, noise=Q, P0=P0, variance=variance)
 
 
 def _without_constants(noise: m.Noise) -> m.Noise:

@@ -151,7 +151,7 @@ def test_likelihood_of_white_noise_is_calibrated():
         noise = rng.standard_normal((6000, 3))
         part = type(residual)(residual.t[:6000], 0.01, noise, np.ones(6000, bool), residual.omega[:6000],
                               residual.theta[:6000], np.eye(3), 0.0, 1.0)  # fmt: skip
-        data = spectra_of(part).pooled()
+        data = spectra_of(part).pooled
         count = SHARE * data.count[0, 0]
         for axis in range(3):
             level = float(np.sum(count * data.power[0, 0, :, axis, axis].real) / count.sum())
@@ -173,8 +173,8 @@ def test_gaps_everywhere_are_told_and_name_nothing():
 
 def _measured_change(name, given, seed=11, duration=240.0):
     """Spectra (k, 3) of the same world with and without an effect, and the grid."""
-    with_it = spectra_of(residual_of(seed, duration, ((name, frozen(given)),))[0]).pooled()
-    without = spectra_of(residual_of(seed, duration)[0]).pooled()
+    with_it = spectra_of(residual_of(seed, duration, ((name, frozen(given)),))[0]).pooled
+    without = spectra_of(residual_of(seed, duration)[0]).pooled
     power = [np.einsum("kii->ki", data.power[0, 0]).real for data in (without, with_it)]
     return power[0], power[1], with_it
 
