@@ -1,0 +1,149 @@
+"""``deckflex batch`` and ``deckflex catalogue``. Heavy modules are imported when a command runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline import console
+from pipeline.options import DEFAULT_ESTIMATOR
+
+if TYPE_CHECKING:
+    from pipeline.archive.config import Config
+
+Words = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="DIR|GLOB|LIST|URL", help="Logs: a directory, a pattern, a list (.txt), s3://, gs://, http(s)://."
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+KEEP = (
+    "What is kept of each log besides its figures: estimates, log, recording, page, tables, nothing; repeat for each."
+)
+
+
+def batch(
+    logs: Words,
+    output: Annotated[
+        str, typer.Option("-o", "--output", metavar="OUT", help="Archive of results: a directory, s3://, gs://.")
+    ],
+    diagnose: Annotated[
+        str | None, typer.Option("--diagnose", metavar="TWIN", help="Hold each log against this twin too.")
+    ] = None,
+    keep: Annotated[list[str] | None, typer.Option("--keep", metavar="KIND", help=KEEP)] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=1024, help="Processes on this machine; else one a core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask cluster that is there, such as tcp://host:8786.")
+    ] = None,
+    memory: Annotated[
+        float | None, typer.Option(metavar="GB", min=0.1, help="Memory of each worker; else its share of the machine.")
+    ] = None,
+    estimator: Annotated[str, typer.Option(metavar="NAME", help="How it is estimated.")] = DEFAULT_ESTIMATOR,
+    identifier: Annotated[str | None, typer.Option(metavar="NAME", help="How the flexure is identified.")] = None,
+    shape: Annotated[str | None, typer.Option(metavar="NAME", help="How the deck's shape is found.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Option of a method, as in run; repeat.")
+    ] = None,
+    rig: Annotated[Path | None, typer.Option(metavar="RIG.toml", help="Rig profile of all logs.")] = None,
+    compensate: Annotated[
+        Path | None, typer.Option(metavar="REPORT.json", help="Diagnosis whose effects are taken out of every log.")
+    ] = None,
+    rrd_rate: Annotated[
+        float | None, typer.Option("--rrd-rate", metavar="HZ", min=0.01, help="Thin recordings.")
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done; do and write nothing.")] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Also logs that were set aside before.")] = False,
+    rehash: Annotated[
+        bool, typer.Option("--rehash", help="Look into every log, even where size and times say it is the same.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Run every log of an archive; what is done already is left alone, and a run cut short goes on where it was."""
+    from pipeline.archive import batch_printing as printing
+    from pipeline.archive.planning import planned
+    from pipeline.archive.running import run_batch
+    from pipeline.archive.stores import open_store
+    from pipeline.archive.workers import Wish
+
+    if scheduler and workers:
+        raise typer.BadParameter("a cluster that is there has the workers it has", param_hint="--workers")
+    config = _config(estimator, identifier, shape, settings, rig, compensate, diagnose, keep, rrd_rate)
+    if dry_run:
+        plan = planned(logs, open_store(output), config, retry=retry, rehash=rehash)
+        if as_json:
+            console.emit(printing.plan_document(plan))
+        else:
+            console.display(*printing.plan_report(plan))
+        return
+    wish = Wish(scheduler, workers, memory)
+    with printing.reporter() as tell:
+        summary = run_batch(logs, output, config, wish, retry=retry, rehash=rehash, tell=tell)
+    if as_json:
+        console.emit(summary.document())
+    else:
+        console.display(*printing.summary_report(summary))
+    if not summary.whole:
+        raise typer.Exit(console.complain(printing.complaint(summary), console.BAD_DATA))
+
+
+def _config(
+    estimator: str,
+    identifier: str | None,
+    shape: str | None,
+    settings: list[str] | None,
+    rig: Path | None,
+    compensate: Path | None,
+    diagnose: str | None,
+    keep: list[str] | None,
+    rrd_rate: float | None,
+) -> Config:
+    """What is done to every log, checked before the first one. Stops with status 2 where it cannot be."""
+    from pipeline.archive.config import Config, Output, Text, read_text
+    from pipeline.cli import chosen_settings, named
+    from pipeline.provenance import deckflex_version
+    from stages.shape import names as shape_names
+
+    for stage, option, name in (
+        ("estimate", "--estimator", estimator), ("identify", "--identifier", identifier), ("shape", "--shape", shape),
+    ):  # fmt: skip
+        named(stage, option, name)
+    chosen_settings(settings, [estimator], identifier, [shape or shape_names()[0]])
+    kinds = sorted(set(keep or [str(Output.ESTIMATES)]))
+    unknown = [kind for kind in kinds if kind not in list(Output)]
+    if unknown:
+        raise typer.BadParameter(f"'{unknown[0]}' is none of {', '.join(Output)}", param_hint="--keep")
+    _check_texts(rig, compensate, diagnose)
+    twin = diagnose and (read_text(Path(diagnose)) if Path(diagnose).is_file() else Text(diagnose, ""))
+    return Config(
+        version=deckflex_version(),
+        estimator=estimator,
+        identifier=identifier,
+        shape=shape,
+        settings=tuple(settings or ()),
+        rig=read_text(rig) if rig else None,
+        compensate=read_text(compensate) if compensate else None,
+        twin=twin or None,
+        outputs=tuple(kind for kind in kinds if kind != Output.NOTHING),
+        rrd_rate=rrd_rate,
+    )
+
+
+def _check_texts(rig: Path | None, compensate: Path | None, twin: str | None) -> None:
+    """Raise DataError for a profile, report or twin that no log could be run with."""
+    if rig is not None:
+        from stages.decode import load_rig
+
+        load_rig(rig)
+    if compensate is not None:
+        from pipeline.compensating import load_remedy
+
+        load_remedy(compensate)
+    if twin is not None:
+        from twin import load_twin
+
+        load_twin(twin)

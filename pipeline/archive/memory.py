@@ -1,0 +1,73 @@
+"""How much memory a log takes, and how much a worker has: a log too large is refused in a line, not killed midway.
+
+Peak of a run, measured on simulated logs with every channel: 1.3 GB for 2 h at 100 Hz (2.9 million messages), 3.6 GB
+for 8 h. Between them it grows by 270 bytes a message; a margin is added here.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from schemas.errors import DataError
+from schemas.wire import scan_log
+
+BASE = 600e6  # bytes that a run takes whatever the log
+PER_MESSAGE = 320.0  # bytes
+SMALLEST_MESSAGE = 8  # bytes in the file: a log that claims more messages than would fit in it is not believed
+GB = 1e9
+
+
+def needed(path: Path) -> float:
+    """Bytes that a run on a log takes at its peak; the least for a file that is no log."""
+    try:
+        messages = sum(channel.count or 0 for channel in scan_log(path).channels)
+    except DataError:
+        return BASE
+    return BASE + PER_MESSAGE * min(messages, path.stat().st_size // SMALLEST_MESSAGE)
+
+
+def check_memory(path: Path, limit: float | None) -> None:
+    """Raise DataError where a log would take more than a worker has."""
+    if limit is None:
+        return
+    want = needed(path)
+    if want > limit:
+        raise DataError(
+            f"needs about {want / GB:.1f} GB, a worker has {limit / GB:.1f} GB: "
+            "fewer workers (--workers) leave more for each; --memory states how much"
+        )
+
+
+def machine_memory() -> float:
+    """Bytes of memory that this process may use: of the machine, or of the container it is in."""
+    limits = [float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")]
+    for place in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
+        try:
+            limits.append(float(Path(place).read_text()))
+        except (OSError, ValueError):
+            continue
+    return min(limits)
+
+
+def per_worker(workers: int) -> float:
+    """Bytes for each of so many workers of this machine; a tenth is left to everything else."""
+    return 0.9 * machine_memory() / max(workers, 1)
+
+
+def forget_peak() -> None:
+    """Begin a new measurement of :func:`peak`, where the system can."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return
+
+
+def peak() -> float:
+    """Bytes this process had in memory at most since :func:`forget_peak`; 0 where the system does not tell."""
+    try:
+        status = Path("/proc/self/status").read_text()
+    except OSError:
+        return 0.0
+    found = [line.split()[1] for line in status.splitlines() if line.startswith("VmHWM:")]
+    return 1024.0 * float(found[0]) if found else 0.0

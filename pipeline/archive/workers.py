@@ -1,0 +1,166 @@
+"""The workers: a cluster of processes on this machine, or one that is there already. Dask's warnings stay unsaid."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pipeline.archive.memory import GB, per_worker
+from pipeline.archive.working import Job, Outcome, State, process
+from schemas.errors import DataError
+
+PATIENCE_S = 20.0  # for a scheduler to answer, and for its first worker
+CLOSING_S = 5.0
+AHEAD = 2  # jobs a thread of a foreign cluster has waiting; our own workers get the next when they are done
+DEATHS = 1  # workers that may die of a log and it is tried once more
+SETTINGS = {
+    "distributed.scheduler.allowed-failures": DEATHS,
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": 0.95,
+    "distributed.admin.tick.limit": "1h",
+    "distributed.comm.timeouts.connect": f"{PATIENCE_S:g}s",
+}
+LOST = "the connection to the scheduler was lost; what is finished is kept, and the same command goes on from there"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """scheduler: address of a cluster that is there, else workers processes here (None: a core each).
+
+    memory_gb: of each worker, None for its share of the machine.
+    """
+
+    scheduler: str | None = None
+    workers: int | None = None
+    memory_gb: float | None = None
+
+    @property
+    def processes(self) -> int:
+        """How many processes a cluster of this machine has."""
+        return self.workers or len(os.sched_getaffinity(0))
+
+    @property
+    def limit(self) -> float | None:
+        """Bytes a log may take; None: what the worker of a foreign cluster says."""
+        if self.memory_gb is not None:
+            return self.memory_gb * GB
+        return None if self.scheduler else per_worker(self.processes)
+
+
+@dataclass
+class Crew:
+    """A connection to workers. threads: how many there are. ahead: jobs to have under way for each."""
+
+    client: Any
+    ahead: int = 1
+
+    @property
+    def threads(self) -> int:
+        """Threads of all workers there are now; they may come and go."""
+        workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
+        return sum(int(worker["nthreads"]) for worker in workers)
+
+    def outcomes(self, jobs: Iterable[Job]) -> Iterator[Outcome]:
+        """Each job's outcome as it ends; once the results cannot be written no further job begins.
+
+        Raises DataError where the workers are lost or cannot do the work.
+        """
+        from distributed import as_completed
+
+        waiting, running, ended = iter(jobs), {}, as_completed([], loop=self.client.loop)
+        room = max(1, self.ahead * self.threads)
+
+        def begin(count: int) -> None:
+            for _, job in zip(range(count), waiting):
+                future = self.client.submit(process, job, pure=False, retries=0)
+                running[future] = job
+                ended.add(future)
+
+        begin(room)
+        for future in ended:
+            outcome = _outcome(future, running.pop(future))
+            future.release()
+            yield outcome
+            if outcome.state is State.STORE:
+                waiting = iter(())
+            begin(max(1, self.ahead * self.threads) - len(running) if len(running) < room else 0)
+
+
+def _outcome(future: Any, job: Job) -> Outcome:
+    from concurrent.futures import CancelledError
+
+    from distributed.scheduler import KilledWorker
+
+    try:
+        return future.result()  # type: ignore[no-any-return]
+    except KilledWorker:
+        reason = f"its worker died {DEATHS + 1} times or more: the log may need more memory than there is"
+        return Outcome(job.source, State.FAILED, reason=reason)
+    except (CancelledError, TimeoutError, OSError) as error:
+        raise DataError(LOST) from error
+    except Exception as error:
+        raise DataError(f"the workers cannot do the work ({type(error).__name__}: {error})") from error
+
+
+@contextmanager
+def crew(wish: Wish, jobs: int) -> Iterator[Crew]:
+    """Workers while the block runs. jobs: how many there are to do; more workers than that are not started."""
+    import dask
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with dask.config.set(SETTINGS):
+        if wish.scheduler:
+            yield from _foreign(wish.scheduler)
+        else:
+            yield from _own(wish, jobs)
+
+
+def _foreign(address: str) -> Iterator[Crew]:
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, TimeoutError) as error:
+        raise DataError(f"no scheduler answers at {address}") from error
+    except ValueError as error:
+        raise DataError(f"{address} is no address of a scheduler, such as tcp://host:8786 ({error})") from error
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE_S)
+        yield Crew(client, AHEAD)
+    except TimeoutError as error:
+        raise DataError(f"the scheduler at {address} has no workers") from error
+    finally:
+        with suppress(Exception):
+            client.close(timeout=CLOSING_S)
+
+
+def _own(wish: Wish, jobs: int) -> Iterator[Crew]:
+    from distributed import Client, LocalCluster
+
+    cluster = LocalCluster(
+        n_workers=max(1, min(wish.processes, jobs)),
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address=None,
+        memory_limit=wish.limit or 0,
+        silence_logs=logging.CRITICAL,
+    )
+    try:
+        with Client(cluster, set_as_default=False) as client:
+            yield Crew(client)
+    finally:
+        with suppress(Exception):
+            cluster.close(timeout=CLOSING_S)
+
+
+def limited(jobs: Iterable[Job], wish: Wish) -> Iterator[Job]:
+    """The jobs with the memory each may take."""
+    return (replace(job, memory=wish.limit) for job in jobs)
