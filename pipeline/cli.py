@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from pipeline import console
-from pipeline.archive.command import batch
+from pipeline.archive.command import batch, catalogue
 from pipeline.blind.command import app as blind
 from pipeline.files import check_input, check_target
 from pipeline.options import DEFAULT_ESTIMATOR, RunOptions
@@ -28,6 +28,7 @@ app = typer.Typer(
 )
 app.add_typer(blind, name="blind")
 app.command(epilog="Example: deckflex batch voyages -o archive --workers 4")(batch)
+app.command(epilog="Example: deckflex catalogue archive --report archive.html --rrd archive.rrd")(catalogue)
 
 Log = Annotated[Path, typer.Argument(metavar="LOG", help="MCAP log of a trial.", show_default=False)]
 Rig = Annotated[Path | None, typer.Option("--rig", metavar="RIG.toml", help="Rig profile: topics, axes, units.")]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -147,3 +148,62 @@ def _check_texts(rig: Path | None, compensate: Path | None, twin: str | None) ->
         from twin import load_twin
 
         load_twin(twin)
+
+
+def catalogue(
+    archive: Annotated[
+        str, typer.Argument(metavar="OUT", help="Archive that deckflex batch wrote.", show_default=False)
+    ],
+    by: Annotated[str, typer.Option("--by", metavar="rig|folder|all", help="What tells installations apart.")] = "rig",
+    where: Annotated[
+        str | None, typer.Option("--where", metavar="SQL", help="Only rows for which it holds: \"grade <> 'bad'\".")
+    ] = None,
+    sql: Annotated[
+        str | None, typer.Option("--sql", metavar="QUERY", help="Print the answer to a query of the table catalogue.")
+    ] = None,
+    rrd: Annotated[Path | None, typer.Option("--rrd", metavar="OUT.rrd", help="Rerun recording to write.")] = None,
+    report: Annotated[Path | None, typer.Option("--report", metavar="OUT.html", help="Page to write.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what an archive says: trends of the static angle, flexure against the sea, effects that repeat, worst logs."""
+    from pipeline.archive import catalogue as catalogues
+    from pipeline.archive.catalogue_printing import catalogue_parts, frame_table, write_report
+    from pipeline.archive.remote import joined
+    from pipeline.archive.reporting import archive_report
+    from pipeline.archive.stores import open_store
+    from pipeline.archive.survey import GROUPS, survey_document, surveyed
+    from pipeline.files import check_targets
+    from pipeline.provenance import deckflex_version
+
+    if by not in GROUPS:
+        raise typer.BadParameter(f"'{by}' is none of {', '.join(GROUPS)}", param_hint="--by")
+    outputs = {kind: path for kind, path in {"recording": rrd, "report": report}.items() if path is not None}
+    check_targets(list(outputs.values()), [])
+    store = open_store(archive)
+    loaded = catalogues.load_catalogue(store)
+    if sql is not None:
+        answer = _asked("--sql", lambda: catalogues.queried(loaded.frame, sql))
+        if as_json:
+            console.emit({"rows": answer.to_dicts()})
+        else:
+            console.display(frame_table(answer))
+        return
+    rows = _asked("--where", lambda: catalogues.selected(loaded.frame, where))
+    shown, left_out = catalogues.latest(rows)
+    survey = surveyed(shown, by, left_out)
+    path = joined(store.root, catalogues.FILE)
+    origin = {"deckflex": deckflex_version(), "archive": store.root, "where": where or ""}
+    made = archive_report(survey, Path(store.root).name or store.root, loaded.notes, origin)
+    written = write_report(made, outputs)
+    if as_json:
+        console.emit({**survey_document(survey, loaded.notes, path), "written": written})
+    else:
+        console.display(*catalogue_parts(made, written, path))
+
+
+def _asked(option: str, question: Callable[[], Any]) -> Any:
+    """Its answer; stops with status 2 where the question is wrong."""
+    try:
+        return question()
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint=option) from error

@@ -2,55 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable
 
 import numpy as np
 
-from schemas.rig import FloatArray
-from schemas.trial import IntArray
+from stages.publish.archive import ArchiveReport, Fit, Listing, Relation, Trend
 from stages.publish.axis import Axis, date_axis, span_of
-from stages.publish.page.figure import PALETTE, Plot, Points, plot
+from stages.publish.page.figure import BLUE, GREY, PALETTE, Band, Line, Plot, Points, plot
 from stages.publish.page.html import Html, bullets, join, section, table
 from stages.publish.page.sheet import Sheet, render, verdict_box
 
 MOST_ROWS = 500  # of a table on the page: a catalogue has them all
 
-
-@dataclass(frozen=True)
-class Trend:
-    """One figure against date. stamp: (k,) ns UTC. values, std: (k, m), std None where there is none. names: m."""
-
-    title: str
-    label: str
-    stamp: IntArray
-    values: FloatArray
-    std: FloatArray | None
-    names: Sequence[str]
-
-
-@dataclass(frozen=True)
-class Listing:
-    """A table under a heading; of more than MOST_ROWS rows the rest is counted."""
-
-    title: str
-    header: Sequence[str]
-    rows: Sequence[Sequence[object]]
-
-
-@dataclass(frozen=True)
-class ArchiveReport:
-    """grade: good, care or bad. headline, sentences: the answer in words. warnings: what to distrust."""
-
-    title: str
-    about: str
-    grade: str
-    headline: str
-    sentences: Sequence[str] = ()
-    trends: Sequence[Trend] = ()
-    listings: Sequence[Listing] = ()
-    warnings: Sequence[str] = ()
-    provenance: Mapping[str, str] = field(default_factory=dict)
+__all__ = ["ArchiveReport", "Listing", "Trend", "archive_page", "trend_plots"]
 
 
 def archive_page(report: ArchiveReport, made: str = "") -> str:
@@ -58,6 +22,7 @@ def archive_page(report: ArchiveReport, made: str = "") -> str:
     body = [
         verdict_box(report.grade, report.headline, report.sentences),
         section("Over the voyages", *trend_plots(report.trends)),
+        section("Against the sea", *(plot(_relation_plot(relation)) for relation in report.relations)),
         *(_listed(listing) for listing in report.listings),
         section("What to distrust", bullets(report.warnings)),
     ]
@@ -81,7 +46,22 @@ def _trend_plot(trend: Trend, x: Axis) -> Plot:
         Points(t, trend.values[:, i], std[:, i], PALETTE[i % len(PALETTE)], name) for i, name in enumerate(trend.names)
     ]
     y = Axis(*span_of([trend.values - std, trend.values + std], zero=False), trend.label)
-    return Plot(trend.title, x, y, parts, height=190.0)
+    return Plot(trend.title, x, y, [*_fit_parts(trend.fit), *parts], height=190.0)
+
+
+def _fit_parts(fit: Fit | None) -> list[Line | Band | Points]:
+    """The line and the band of one sigma about it."""
+    if fit is None or not np.isfinite(fit.value).all():
+        return []
+    band = Band(fit.x, fit.value - fit.std, fit.value + fit.std, GREY, "± one sigma of the line")
+    return [band, Line(fit.x, fit.value, GREY, "fitted", dashed=True)]
+
+
+def _relation_plot(relation: Relation) -> Plot:
+    x = Axis(*span_of([relation.x], zero=False), relation.x_label)
+    y = Axis(*span_of([relation.y - relation.std, relation.y + relation.std], zero=False), relation.y_label)
+    dots = Points(relation.x, relation.y, relation.std, BLUE, "a log")
+    return Plot(relation.title, x, y, [*_fit_parts(relation.fit), dots], height=190.0)
 
 
 def _listed(listing: Listing) -> Html:

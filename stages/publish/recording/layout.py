@@ -34,7 +34,7 @@ def fix_ids(part: rrb.Container | rrb.View, path: str = "root") -> None:
         fix_ids(child, f"{path}/{index}")
 
 
-def blueprint(tabs: Sequence[rrb.Container], axis: rrb.TimeAxis) -> rrb.Blueprint:
+def blueprint(tabs: Sequence[rrb.Container], axis: rrb.TimeAxis, timeline: str = TRIAL) -> rrb.Blueprint:
     """Tabs, the first one open; paused at the start, the whole trial in sight, panels out of the way."""
     root = LinkedTabs(*tabs, axis=axis)
     fix_ids(root)
@@ -42,7 +42,7 @@ def blueprint(tabs: Sequence[rrb.Container], axis: rrb.TimeAxis) -> rrb.Blueprin
         root,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TRIAL, play_state="paused"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="paused"),
         auto_views=False,
         auto_layout=False,
     )

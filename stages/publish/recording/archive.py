@@ -1,0 +1,165 @@
+"""Recording of an archive: every voyage as a point over its date, the lines through them, flexure against the sea."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from schemas.rig import FloatArray
+from schemas.trial import IntArray
+from stages.publish.archive import ArchiveReport, Fit, Listing, Relation, Trend
+from stages.publish.axis import Axis, span_of
+from stages.publish.document import plain_markdown, table
+from stages.publish.recording import layout
+from stages.publish.recording.chart import Chart, Curve, chart_view, log_chart
+from stages.publish.recording.comparison import COLOURS
+from stages.publish.recording.scene import AXIS_COLOURS, GREY, Colour
+from stages.publish.recording.stream import SLICE, UTC, record
+
+DOT, WHISKER = 3.5, 1.2  # radii of markers, points of the screen
+MOST_ROWS = 60  # of a table in the document
+MARKER = rr.components.MarkerShape
+FITTED = ("fitted", "one sigma above", "one sigma below")
+
+
+def write_archive(report: ArchiveReport, path: Path) -> None:
+    """Write the recording of an archive."""
+    trends = [trend for trend in report.trends if np.isfinite(trend.values).any()]
+    axis = layout.axis_over(_span(trends))
+    entities = [f"trend_{index:02d}_{_plain(trend.title)}" for index, trend in enumerate(trends)]
+    charts = [f"relation_{index:02d}_{_plain(one.title)}" for index, one in enumerate(report.relations)]
+
+    def log(rec: rr.RecordingStream) -> None:
+        for trend, entity in zip(trends, entities):
+            _log_trend(rec, trend, entity)
+        for relation, entity in zip(report.relations, charts):
+            log_chart(rec, entity, _chart(relation))
+        text = rr.TextDocument(archive_text(report), media_type=rr.MediaType.MARKDOWN)
+        rec.log("summary", text, static=True)
+
+    tabs = _tabs(report, list(zip(trends, entities)), charts, axis)
+    record(path, f"archive {report.title}", layout.blueprint(tabs, axis, UTC), log)
+
+
+def archive_text(report: ArchiveReport) -> str:
+    """The summary in words and tables, Markdown."""
+    parts = [
+        f"# {plain_markdown(report.headline)}",
+        *map(plain_markdown, report.sentences),
+        *map(_listed, report.listings),
+    ]
+    if report.warnings:
+        parts += ["## What to distrust", "\n".join(f"- {plain_markdown(line)}" for line in report.warnings)]
+    stated = [[plain_markdown(name), plain_markdown(value)] for name, value in report.provenance.items()]
+    return "\n\n".join([*parts, table(["where from", ""], stated)] if stated else parts)
+
+
+def _listed(listing: Listing) -> str:
+    rows = [[plain_markdown(str(cell)) for cell in row] for row in listing.rows[:MOST_ROWS]]
+    rest = len(listing.rows) - MOST_ROWS
+    return f"## {listing.title}\n\n{table(list(listing.header), rows)}" + (f"\n\nand {rest} more" if rest > 0 else "")
+
+
+def _tabs(
+    report: ArchiveReport, trends: Sequence[tuple[Trend, str]], charts: Sequence[str], axis: rrb.TimeAxis
+) -> list[rrb.Container]:
+    """The summary beside the first kind of trend, a tab for each other kind, the sea last."""
+    words = rrb.TextDocumentView(origin="summary", name="Summary")
+    names = list(dict.fromkeys(trend.tab for trend, _ in trends))
+    stacks = [(name, [_view(trend, entity, axis) for trend, entity in trends if trend.tab == name]) for name in names]
+    if not stacks:
+        return [rrb.Vertical(words, name="Summary")]
+    first = rrb.Horizontal(rrb.Vertical(*stacks[0][1]), words, column_shares=[1.6, 1.0], name=stacks[0][0])
+    tabs: list[rrb.Container] = [first, *(rrb.Vertical(*views, name=name) for name, views in stacks[1:])]
+    if charts:
+        views = [chart_view(entity, relation.title) for entity, relation in zip(charts, report.relations)]
+        tabs.append(rrb.Grid(*views, grid_columns=2, name="Against the sea"))
+    return tabs
+
+
+def _view(trend: Trend, entity: str, axis: rrb.TimeAxis) -> rrb.View:
+    """Points whose standard deviation is not beyond the picture."""
+    ends = [trend.values] if trend.std is None else [trend.values - trend.std, trend.values + trend.std]
+    return layout.lines_view(axis, f"{trend.title} [{trend.label}]", [f"{entity}/**"], span_of(ends, zero=False))
+
+
+def _span(trends: Sequence[Trend]) -> tuple[float, float]:
+    """Seconds UTC that all points lie in, with a day of room for a single one."""
+    if not trends:
+        return 0.0, 1.0
+    stamps = np.concatenate([trend.stamp for trend in trends])
+    start, end = float(stamps.min()) * 1e-9, float(stamps.max()) * 1e-9
+    room = 0.02 * (end - start) or 43200.0
+    return start - room, end + room
+
+
+def _log_trend(rec: rr.RecordingStream, trend: Trend, entity: str) -> None:
+    """The fitted line with its band, and the points: value and, smaller, one sigma above and below."""
+    if trend.fit is not None and np.isfinite(trend.fit.value).all():
+        _log_fit(rec, trend.fit, f"{entity}/fit")
+    order = np.argsort(trend.stamp, kind="stable")
+    colours = [AXIS_COLOURS["xyz".index(name[0])] if name[:1] in ("x", "y", "z") and len(name) < 14
+               else COLOURS[i % len(COLOURS)] for i, name in enumerate(trend.names)]  # fmt: skip
+    for i, (name, colour) in enumerate(zip(trend.names, colours)):
+        value = trend.values[order, i]
+        _points(rec, f"{entity}/{_plain(name)}", trend.stamp[order], value, name, colour, DOT, MARKER.Circle)
+        if trend.std is not None:
+            std = trend.std[order, i]
+            for sign, marker in ((1.0, MARKER.Down), (-1.0, MARKER.Up)):
+                where = f"{entity}/{_plain(name)}_{'above' if sign > 0 else 'below'}"
+                said = f"{name} {'+' if sign > 0 else '−'} σ"
+                _points(rec, where, trend.stamp[order], value + sign * std, said, colour, WHISKER, marker)
+
+
+def _points(
+    rec: rr.RecordingStream, entity: str, stamp: IntArray, value: FloatArray, name: str, colour: Colour, size: float,
+    marker: rr.components.MarkerShape,
+) -> None:  # fmt: skip
+    style = rr.SeriesPoints(names=[name], colors=[colour], markers=[marker], marker_sizes=[size])
+    rec.log(entity, style, static=True)
+    good = np.isfinite(value)
+    _send(rec, entity, stamp[good], value[good])
+
+
+def _log_fit(rec: rr.RecordingStream, fit: Fit, entity: str) -> None:
+    stamp = np.rint(fit.x).astype(np.int64)
+    for name, value, width in zip(FITTED, (fit.value, fit.value + fit.std, fit.value - fit.std), (1.8, 0.8, 0.8)):
+        where = f"{entity}/{_plain(name)}"
+        rec.log(where, rr.SeriesLines(names=[name], colors=[GREY], widths=[width]), static=True)
+        _send(rec, where, stamp, value)
+
+
+def _send(rec: rr.RecordingStream, entity: str, stamp: IntArray, value: FloatArray) -> None:
+    """On the timeline of dates alone: voyages have no common start."""
+    for start in range(0, len(stamp), SLICE):
+        part = slice(start, start + SLICE)
+        times = [rr.TimeColumn(UTC, timestamp=np.ascontiguousarray(stamp[part]).view("datetime64[ns]"))]
+        rr.send_columns(entity, times, rr.Scalars.columns(scalars=value[part]), recording=rec)
+
+
+def _chart(relation: Relation) -> Chart:
+    """A cross a log, as high as its standard deviation, and the fitted line."""
+    x = Axis(*span_of([relation.x], zero=False), relation.x_label)
+    y = Axis(*span_of([relation.y - relation.std, relation.y + relation.std], zero=False), relation.y_label)
+    curves = [Curve(*_crosses(relation, 0.004 * (x.high - x.low)), COLOURS[0], "a log", 2.0)]
+    if relation.fit is not None and np.isfinite(relation.fit.value).all():
+        curves.append(Curve(relation.fit.x, relation.fit.value, GREY, "fitted", 1.5, dashed=True))
+    return Chart(x, y, curves)
+
+
+def _crosses(relation: Relation, reach: float) -> tuple[FloatArray, FloatArray]:
+    """Two strokes a point, each ended by NaN."""
+    x, y, s, gap = relation.x, relation.y, relation.std, np.full(len(relation.x), np.nan)
+    across = np.stack([x - reach, x + reach, gap, x, x, gap], axis=1)
+    up = np.stack([y, y, gap, y - s, y + s, gap], axis=1)
+    return across.ravel(), up.ravel()
+
+
+def _plain(name: str) -> str:
+    """A name that needs no escape in an entity's path."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "series"
