@@ -102,7 +102,7 @@ def summary_report(summary: Summary) -> list[str]:
 
 def _listed(what: str, rows: list[tuple[str, str, str]]) -> list[str]:
     rest = len(rows) - MOST_LISTED
-    lines = [f"{what:<11} {name}: {reason}" for _, name, reason in rows[:MOST_LISTED]]
+    lines = [f"{what:<11} {name}: {reason}" for _, name, reason in sorted(rows)[:MOST_LISTED]]
     return lines + ([f"{what:<11} and {rest} more"] if rest > 0 else [])
 
 

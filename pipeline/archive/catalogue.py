@@ -118,7 +118,7 @@ def queried(frame: pl.DataFrame, query: str) -> pl.DataFrame:
     try:
         return pl.SQLContext(catalogue=frame, eager=True).execute(query)
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        raise ValueError(" ".join(str(error).split())) from error
+        raise ValueError(" ".join(str(error).partition("Resolved plan")[0].split())) from error
 
 
 def latest(frame: pl.DataFrame) -> tuple[pl.DataFrame, int]:

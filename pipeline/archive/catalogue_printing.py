@@ -14,6 +14,7 @@ from pipeline.publishing import now, recording, save_page
 from pipeline.tables import plain_table
 from stages.publish.archive import ArchiveReport, Listing
 
+WORDS = frozenset({"axis", "effect", "standing", "parameters", "why", "reason"})  # columns to the left
 MOST_ROWS = 50  # of a table on the terminal
 
 
@@ -30,6 +31,8 @@ def catalogue_parts(report: ArchiveReport, written: Mapping[str, str], path: str
 def listing_table(listing: Listing) -> Table:
     """A table; of a long one the rest is counted."""
     table = plain_table(*listing.header, title=listing.title)
+    for column, name in zip(table.columns, listing.header):
+        column.justify = "left" if name in WORDS else column.justify
     for row in listing.rows[:MOST_ROWS]:
         table.add_row(*(one_line(str(cell)) for cell in row))
     if len(listing.rows) > MOST_ROWS:

@@ -165,7 +165,7 @@ def catalogue(
     report: Annotated[Path | None, typer.Option("--report", metavar="OUT.html", help="Page to write.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Say what an archive says: trends of the static angle, flexure against the sea, effects that repeat, worst logs."""
+    """Say what an archive says: drift of the static angle, flexure against the sea, effects that repeat, worst logs."""
     from pipeline.archive import catalogue as catalogues
     from pipeline.archive.catalogue_printing import catalogue_parts, frame_table, write_report
     from pipeline.archive.remote import joined

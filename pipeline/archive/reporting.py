@@ -16,6 +16,7 @@ from stages.archive.line import Line
 from stages.archive.repetition import Repetition, Standing
 from stages.archive.trends import MONTH_NS
 from stages.publish.archive import ArchiveReport, Fit, Listing, Relation, Trend
+from stages.publish.document import number
 
 NAMES = ("x (pitch)", "y (roll)", "z (heading)")
 DRAWN = 60  # points of a fitted line
@@ -45,7 +46,11 @@ def about(survey: Survey) -> str:
     if survey.frame.is_empty():
         return f"no log with a result{aside}"
     first, last = survey.frame["start_utc"].min(), survey.frame["start_utc"].max()
-    return f"{survey.logs} logs, {survey.hours:.2f} h, {first:%Y-%m-%d} to {last:%Y-%m-%d}{aside}"
+    return f"{survey.logs} logs, {survey.hours:.2f} h, {_day(first)} to {_day(last)}{aside}"
+
+
+def _day(when: object) -> str:
+    return str(when)[:10]
 
 
 def _grade(survey: Survey) -> str:
@@ -60,6 +65,8 @@ def _grade(survey: Survey) -> str:
 def _headline(survey: Survey) -> str:
     if not survey.logs:
         return "No log of this archive has a result."
+    if not any(np.isfinite(fit.line.slope) for group in survey.groups for fit in group.drifts):
+        return "Too few logs at different times to see a drift of the static angle."
     moved = [axis for i, axis in enumerate(NAMES) if any(drifting(group.drifts[i].line) for group in survey.groups)]
     named = sorted({one.effect for group in survey.groups for one in group.effects if one.standing in FIRM})
     said = f"The static angle drifts about {', '.join(moved)}." if moved else "No drift of the static angle is seen."
@@ -70,7 +77,7 @@ def sentences(group: Group, several: bool) -> list[str]:
     """The drift of each axis in words."""
     of = f"{group.name}: " if several else ""
     if all(not np.isfinite(fit.line.slope) for fit in group.drifts):
-        return [f"{of}too few logs at different times for a trend."]
+        return [f"{of}too few logs at different times for a trend."] if several else []
     return [of + _drift_words(axis, fit.line, group.months) for axis, fit in zip(NAMES, group.drifts)]
 
 
@@ -78,10 +85,15 @@ def _drift_words(axis: str, line: Line, months: float) -> str:
     if not np.isfinite(line.slope):
         return f"About {axis} too few logs can be used for a trend."
     low, high = line.slope_ci95
-    size = f"{line.slope:+.3g} ± {line.slope_std:.2g}′ a month ({line.slope * months:+.2g}′ over {months:.1f} months)"
+    whole = f"{_signed(line.slope * months, 2)}′ over {months:.1f} months"
+    size = f"{_signed(line.slope, 3)} ± {number(line.slope_std, 2)}′ a month ({whole})"
     if drifting(line):
         return f"About {axis} the static angle drifts by {size}, p = {line.p_value:.1g}."
     return f"About {axis} no drift is seen: {size}; at most {max(abs(low), abs(high)):.2g}′ a month with 95 %."
+
+
+def _signed(value: float, digits: int) -> str:
+    return ("+" if value >= 0 else "−") + number(abs(value), digits)
 
 
 def warnings(survey: Survey) -> list[str]:
@@ -113,7 +125,7 @@ def listings(survey: Survey) -> list[Listing]:
         Listing("Flexure against the sea", LAW_HEADER, [r for g in survey.groups for r in law_rows(g)]),
         Listing("Effects over the voyages", EFFECT_HEADER, [r for g in survey.groups for r in effect_rows(g)]),
         Listing("Least trustworthy logs", WORST_HEADER, worst_rows(survey)),
-        Listing("Set aside", ("log", "reason"), survey.aside),
+        Listing("Set aside", ("log", "reason"), sorted(survey.aside)),
     ]
     return [listing for listing in every if listing.rows]
 
@@ -137,7 +149,8 @@ def drift_rows(group: Group) -> list[tuple[str, ...]]:
     """A row an axis."""
     return [
         (group.name, axis, str(line.count), f"{line.value:+.3f} ± {line.value_std:.3f}",
-         f"{line.slope:+.3g} ± {line.slope_std:.2g}", f"{line.slope_ci95[0]:+.2g} to {line.slope_ci95[1]:+.2g}",
+         f"{_signed(line.slope, 3)} ± {number(line.slope_std, 2)}",
+         f"{_signed(line.slope_ci95[0], 2)} to {_signed(line.slope_ci95[1], 2)}",
          f"{line.p_value:.2g}", f"{line.excess:.2g}")
         for axis, line in zip(NAMES, (fit.line for fit in group.drifts))
         if np.isfinite(line.slope)
@@ -178,7 +191,7 @@ def worst_rows(survey: Survey) -> list[tuple[str, ...]]:
     shown = survey.worst.filter(pl.col("grade") != "good")
     return [
         (row["name"], f"{row['start_utc']:%Y-%m-%d %H:%M}", DISTRUST.get(row["grade"], row["grade"]),
-         _number(row["rmse_ratio"]), _number(row["predicted_std_arcmin"]), "; ".join((row["doubts"] or [])[:2]))
+         _number(row["rmse_ratio"]), _number(row["predicted_std_arcmin"]), "; ".join((row["doubts"] or [])[:1]))
         for row in shown.iter_rows(named=True)
     ]  # fmt: skip
 
@@ -257,6 +270,7 @@ def _relations(group: Group, several: bool) -> Iterable[Relation]:
         value, std = fit.line.at(x)
         curve = np.exp(value)
         yield Relation(
-            f"Flexure about {axis} against the sea{of}", "pitch and roll rate of the ship, σ [deg/s]", "flexure σ [arcmin]",
+            f"Flexure about {axis} against the sea{of}",
+            "pitch and roll rate of the ship, σ [deg/s]", "flexure σ [arcmin]",
             np.exp(fit.x), np.exp(fit.y), np.exp(fit.y) * fit.std, Fit(np.exp(x), curve, curve * std),
         )  # fmt: skip

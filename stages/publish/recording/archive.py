@@ -85,7 +85,8 @@ def _tabs(
 def _view(trend: Trend, entity: str, axis: rrb.TimeAxis) -> rrb.View:
     """Points whose standard deviation is not beyond the picture."""
     ends = [trend.values] if trend.std is None else [trend.values - trend.std, trend.values + trend.std]
-    return layout.lines_view(axis, f"{trend.title} [{trend.label}]", [f"{entity}/**"], span_of(ends, zero=False))
+    name, limits = f"{trend.title} [{trend.label}]", span_of(ends, zero=False)
+    return layout.lines_view(axis, name, [f"{entity}/**"], limits, legend=len(trend.names) > 1)
 
 
 def _span(trends: Sequence[Trend]) -> tuple[float, float]:

@@ -1,0 +1,155 @@
+"""A whole archive by its command: forty sound voyages, six kinds of damage, two worker processes."""
+
+import json
+import shutil
+
+import polars as pl
+import pytest
+
+from tests.pipeline.archive import voyages
+from tests.pipeline.archive.processes import check_whole, entries
+
+
+@pytest.fixture
+def told(done):
+    return json.loads((done / "told.json").read_text())
+
+
+@pytest.fixture
+def copied(done, tmp_path):
+    return shutil.copytree(done / "out", tmp_path / "out", copy_function=shutil.copy2)
+
+
+def test_bad_logs_are_set_aside_with_their_reason_and_stop_nothing(done, told):
+    assert told["logs"] == 46
+    assert told["done"] == 40
+    assert told["failed"] == []
+    reasons = {row["name"]: row["reason"] for row in told["set_aside"]}
+    assert len(reasons) == len(voyages.DAMAGES) == 6
+    for fault in voyages.DAMAGES:
+        reason = reasons[f"bad/{fault.name.lower()}.mcap"]
+        assert "\n" not in reason
+        for word in fault.value[1].words:
+            assert word in reason
+    assert (done / "status").read_text() == "1"
+
+
+def test_a_line_is_said_for_every_log_and_one_at_the_end(done):
+    lines = (done / "said").read_text().splitlines()
+    assert len(lines) == 47
+    assert all("/46 done" in line or "/46 set aside" in line for line in lines[:46])
+    assert lines[-1] == "deckflex: 6 of 46 logs are without a result, each with its reason above"
+    assert sum("left]" in line for line in lines) >= 44
+
+
+def test_every_entry_is_whole_and_nothing_else_lies_about(done):
+    out = done / "out"
+    check_whole(out)
+    assert len(entries(out)) == 40
+    assert len(entries(out, "aside")) == 6
+    named = {name for entry in entries(out) for name in json.loads(entry.read_bytes())["files"].values()}
+    assert named == {str(path.relative_to(out)) for path in (out / "results").rglob("*") if path.is_file()}
+    assert list((out / ".partial").iterdir()) == []
+
+
+def test_hours_and_memory_are_counted(told):
+    assert told["hours"] == pytest.approx(40 * 40 / 3600, rel=0.05)
+    assert told["hours_per_minute"] > 0
+    assert 0.1 < told["peak_memory_gb"] < 1.5
+
+
+def test_a_second_run_does_nothing(fleet, copied, deckflex):
+    before = voyages.digest(copied)
+    told = deckflex("batch", fleet, "-o", copied, *voyages.CHEAP, "--json")
+    document = json.loads(told.out)
+    assert (document["done"], document["done_before"], len(document["set_aside"])) == (0, 40, 6)
+    assert document["workers"] == 0
+    assert told.status == 1
+    assert voyages.digest(copied) == before
+
+
+def test_dry_run_says_what_would_be_done_and_touches_nothing(fleet, copied, deckflex, tmp_path):
+    before = voyages.digest(copied)
+    first = json.loads(deckflex("batch", fleet, "-o", tmp_path / "new", *voyages.CHEAP, "--dry-run", "--json").out)
+    assert len(first["to_do"]) == 46
+    assert not (tmp_path / "new").exists()
+    words = ("batch", fleet, "-o", copied, "--estimator", "td-ma", "--dry-run", "--json")
+    assert len(json.loads(deckflex(*words).out)["to_do"]) == 46  # other options are other work
+    again = json.loads(deckflex("batch", fleet, "-o", copied, *voyages.CHEAP, "--retry", "--dry-run", "--json").out)
+    assert len(again["to_do"]) == 6
+    assert voyages.digest(copied) == before
+
+
+def test_an_archive_inside_its_own_input_is_not_read_as_logs(few, done, deckflex):
+    shutil.copytree(done / "out" / "results", few / "out" / "results")
+    (few / "out" / "deckflex-archive.json").write_text('{"format": 1}')
+    plan = json.loads(deckflex("batch", few, "-o", few / "out", *voyages.CHEAP, "--dry-run", "--json").out)
+    assert len(plan["to_do"]) == 6
+    other = json.loads(deckflex("batch", few, "-o", few / "other", *voyages.CHEAP, "--dry-run", "--json").out)
+    assert len(other["to_do"]) == 6
+    assert "passed over" in other["notes"][0]
+
+
+def test_catalogue_finds_the_drift_that_was_put_in(copied, deckflex):
+    document = json.loads(deckflex("catalogue", copied, "--json").out)
+    assert document["logs"] == 40
+    assert len(document["set_aside"]) == 6
+    group = document["installations"][0]
+    for axis, true in zip("xyz", voyages.DRIFT):
+        slope, std = voyages.drift_of(group["static_angle"], axis)
+        assert abs(slope - true) < 3.5 * std
+        assert std < 1.0
+        exponent = group["flexure_against_sea"][axis]
+        assert abs(exponent["exponent"] - 1.0) < 3.5 * exponent["exponent_std"]
+        assert exponent["exponent_std"] < 0.5
+    assert document["worst"][0]["grade"] == "bad"
+
+
+def test_catalogue_is_one_data_set_of_a_row_a_log_and_axis(copied, deckflex):
+    first = json.loads(deckflex("catalogue", copied, "--json").out)
+    frame = pl.read_parquet(first["catalogue"])
+    assert len(frame) == 3 * 40 + 6
+    assert frame.filter(pl.col("axis").is_null())["reason"].null_count() == 0
+    sound = frame.filter(pl.col("axis").is_not_null())
+    for column in ("static_arcmin", "static_std_arcmin", "time_delay_s", "flexure_std_arcmin", "rmse_truth_arcmin",
+                   "rmse_phins_arcmin", "grade", "roughness_dps", "start_utc", "sha256", "version"):  # fmt: skip
+        assert sound[column].null_count() == 0, column
+    assert sound["name"][0] == "month-00/voyage 00-0.mcap"
+    assert str(sound["start_utc"][0]).startswith("2026-01-01 00:00:00")
+    before = (copied / "catalogue.parquet").stat().st_mtime_ns
+    assert json.loads(deckflex("catalogue", copied, "--json").out) == first
+    assert (copied / "catalogue.parquet").stat().st_mtime_ns == before
+
+
+def test_catalogue_answers_queries(copied, deckflex):
+    query = "select name, rmse_truth_arcmin as e from catalogue where axis = 'z' order by e desc limit 2"
+    rows = json.loads(deckflex("catalogue", copied, "--sql", query, "--json").out)["rows"]
+    assert len(rows) == 2
+    assert rows[0]["e"] > rows[1]["e"]
+    spring = json.loads(deckflex("catalogue", copied, "--where", "month(start_utc) <= 3", "--json").out)
+    assert spring["logs"] == 12
+    wrong = deckflex("catalogue", copied, "--where", "colour = 'red'")
+    assert wrong.status == 2
+    assert "colour" in wrong.err
+
+
+def test_catalogue_writes_page_and_recording(copied, deckflex, tmp_path):
+    from tests.stages.publish.page.reading import loads_from_elsewhere, read
+
+    page, recording = tmp_path / "archive.html", tmp_path / "archive.rrd"
+    told = deckflex("catalogue", copied, "--report", page, "--rrd", recording)
+    assert told.status == 0, told.err
+    assert "The static angle drifts" in told.out
+    shown = read(page.read_text("utf-8"))
+    assert loads_from_elsewhere(shown) == []
+    for words in ("Static angle about z (heading)", "bad/degrees.mcap", "Flexure about x (pitch) against the sea"):
+        assert words in shown.texts["body"]
+    assert recording.stat().st_size > 50_000
+
+
+def test_an_entry_that_was_spoilt_is_told_of_and_the_rest_stands(copied, deckflex):
+    entries(copied)[0].write_text("{")
+    told = deckflex("catalogue", copied, "--json")
+    document = json.loads(told.out)
+    assert document["logs"] == 39
+    assert "is not JSON" in document["notes"][0]
