@@ -16,6 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from physics.compiled import put
+
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 
@@ -189,9 +191,9 @@ def _forward(
                 P[i, j] = mean
                 P[j, i] = mean
         if keep:
-            xs[k] = x
+            put(xs[k], x)
             for a in range(len(out)):
-                P_out[k, a] = P[out[a]]
+                put(P_out[k, a], P[out[a]])
     return xs, P_out, nu, S, gain, x, P, loglik
 
 
@@ -229,7 +231,7 @@ def _backward(
                 value -= P_out[k, a, j] * adjoint[j]
             x_s[k, a] = value
         if k % stride == 0 or k == steps - 1:
-            PL[:] = P_out[k] @ information
+            np.dot(P_out[k], information, PL)
             for a in range(o):
                 for b in range(o):
                     value = P_out[k, a, out[b]]
@@ -237,7 +239,8 @@ def _backward(
                         value -= PL[a, j] * P_out[k, b, j]
                     P_s[k, a, b] = value
         else:
-            P_s[k] = P_s[k + 1]
+            for a in range(o):
+                put(P_s[k, a], P_s[k + 1, a])
         for i in range(m - 1, -1, -1):
             if np.isnan(nu[k, i]):
                 continue

@@ -18,6 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from physics.compiled import put
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
@@ -118,8 +120,8 @@ def _integrate(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[Floa
         phi = gyro[k] * dt
         dv = accel[k] * dt
         if k == 1:
-            phi_old[:] = phi
-            dv_old[:] = dv
+            put(phi_old, phi)
+            put(dv_old, dv)
         # Sculling for linearly varying rate and force, in axes of the middle of the interval.
         sx = dv[0] + (phi_old[1] * dv[2] - phi_old[2] * dv[1] + dv_old[1] * phi[2] - dv_old[2] * phi[1]) / 12.0
         sy = dv[1] + (phi_old[2] * dv[0] - phi_old[0] * dv[2] + dv_old[2] * phi[0] - dv_old[0] * phi[2]) / 12.0
@@ -138,9 +140,9 @@ def _integrate(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[Floa
         _multiply(half, bx, by, bz, bw, q)
         norm = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
         q *= norm
-        attitude[k] = q
-        phi_old[:] = phi
-        dv_old[:] = dv
+        put(attitude[k], q)
+        put(phi_old, phi)
+        put(dv_old, dv)
     return attitude, velocity
 
 
@@ -251,13 +253,16 @@ def _match(
                 for c in range(3):
                     A_mean[k, r, c] += share * (matrix[r, c] + before[r, c])
         if i == index[k]:
-            A_end[k] = matrix
+            for r in range(3):
+                put(A_end[k, r], matrix[r])
+                if k == 0:
+                    put(A_mean[0, r], matrix[r])
             if k == 0:
-                A_mean[0] = matrix
-                u_mean[0] = u
+                put(u_mean[0], u)
             k += 1
-        before[:] = matrix
-        u_before[:] = u
+        for r in range(3):
+            put(before[r], matrix[r])
+        put(u_before, u)
     return A_end, A_mean, u_mean
 
 
