@@ -148,7 +148,7 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
         chosen.steady,
         chosen.without_events,
     )
-    excess = _excess(residual, twin, joint, spectral, known)
+    excess = _excess(residual, twin, joint, spectral, known, "axis_coupling" not in names)
     findings = _findings(checks, chosen, candidates, joint)
     return Evidence(checks, chosen, candidates, found, before, residual, joint, ceiling, excess, findings)
 
@@ -213,8 +213,9 @@ def _spectral(
 
 
 def _excess(
-    residual: FullRateResidual, twin: Twin, joint: JointFit, spectral: tuple[Candidate, ...], known: tuple[str, ...]
-) -> Excess:
+    residual: FullRateResidual, twin: Twin, joint: JointFit, spectral: tuple[Candidate, ...], known: tuple[str, ...],
+    cross: bool,
+) -> Excess:  # fmt: skip
     """What the spectra leave; a log that was dulled by whatever wrote it or interpolated it, and not by the gyros, is
     no gap."""
     named = tuple(finding.name for finding in joint.findings)
@@ -223,7 +224,7 @@ def _excess(
     )
     if dulled and "gyro_bandwidth" not in named:
         joint = spectra.fit(residual, twin, (*known, *named, "gyro_bandwidth"))
-    return goodness.excess(goodness.data_of(residual, joint), joint)
+    return goodness.excess(goodness.data_of(residual, joint), joint, cross)
 
 
 def _findings(

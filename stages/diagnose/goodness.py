@@ -9,6 +9,7 @@ import numpy as np
 from schemas.rig import FloatArray
 from stages.diagnose import spectral_lines
 from stages.diagnose.spectra import JointFit
+from stages.diagnose.spectral_coupling import coupling
 from stages.diagnose.spectral_data import SHARE, Spectra, spectra
 from stages.diagnose.spectral_fit import Fit
 from stages.diagnose.spectral_residual import FullRateResidual
@@ -19,16 +20,20 @@ FEWEST = 4.0  # ordinates in a half below which a band is not judged
 
 @dataclass(frozen=True)
 class Excess:
-    """edges_hz: (k + 1,). nats: (3, k) that a factor of its own gains held out. ratio: (3, k) power over the model."""
+    """edges_hz: (k + 1,). nats: (3, k) that a factor of its own gains held out. ratio: (3, k) power over the model.
+
+    cross: nats held out that correlations between the axes gain, where nothing named has them.
+    """
 
     edges_hz: FloatArray
     nats: FloatArray
     ratio: FloatArray
+    cross: float = 0.0
 
     @property
     def total(self) -> float:
-        """Nats of all bands that gain."""
-        return float(np.maximum(self.nats, 0.0).sum() - _expected(self.nats))
+        """Nats of all bands that gain, and of the axes' correlations."""
+        return float(np.maximum(self.nats, 0.0).sum() - _expected(self.nats)) + max(self.cross, 0.0)
 
 
 def _expected(nats: FloatArray) -> float:
@@ -43,8 +48,9 @@ def data_of(residual: FullRateResidual, joint: JointFit) -> Spectra:
     return spectra(residual)
 
 
-def excess(data: Spectra, joint: JointFit) -> Excess:
-    """Bands in which the fit misses; data: of the residual that the fit was made to."""
+def excess(data: Spectra, joint: JointFit, cross: bool) -> Excess:
+    """Bands in which the fit misses; data: of the residual that the fit was made to. cross: the axes' correlations are
+    looked at too."""
     frequency = data.grid.frequency
     octave = np.floor(np.log2(np.maximum(frequency, 1e-9) / frequency[0]) * BANDS_PER_OCTAVE).astype(int)
     edges = frequency[0] * 2.0 ** (np.arange(octave.max() + 2) / BANDS_PER_OCTAVE)
@@ -59,7 +65,8 @@ def excess(data: Spectra, joint: JointFit) -> Excess:
             r = s / n
             ratio[axis, band] = s.sum() / n.sum()
             nats[axis, band] = sum(n[1 - k] * (r[1 - k] * (1.0 - 1.0 / r[k]) - np.log(r[k])) for k in (0, 1))
-    return Excess(edges, nats, ratio)
+    correlated = coupling(data, joint.halves, joint.whole).evidence_nats if cross else 0.0
+    return Excess(edges, nats, ratio, correlated)
 
 
 def _ratios(data: Spectra, fitted: Fit, axis: int) -> tuple[FloatArray, FloatArray]:

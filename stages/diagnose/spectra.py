@@ -52,6 +52,7 @@ class JointFit:
     findings: tuple[Finding, ...]
     log_likelihood: float
     nominal: float
+    halves: tuple[Fit, Fit]
     whole: Fit
     coupling: Coupling | None
     lines: tuple[Line, ...]
@@ -111,7 +112,7 @@ def fit(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) -> Joint
     coupled = coupling(data, joint.halves, joint.whole) if "axis_coupling" in names else None
     findings += [_coupling_finding(coupled)] if coupled else []
     findings += [_vibration(line).finding for line in found[:1]]
-    return JointFit(tuple(findings), joint.score, nominal.score, joint.whole, coupled, found)
+    return JointFit(tuple(findings), joint.score, nominal.score, joint.halves, joint.whole, coupled, found)
 
 
 def pictures(before: FullRateResidual, after: FullRateResidual, joint: JointFit) -> tuple[Spectrum, ...]:

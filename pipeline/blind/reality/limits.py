@@ -38,6 +38,7 @@ class Drive:
     lateral: FloatArray  # (n,) m/s^2 at the main IMU
     roll: FloatArray  # (n,) rad
     warmth: FloatArray  # (n,) K
+    lever: FloatArray  # (3,) m
 
 
 def drive(nature: Nature) -> Drive:
@@ -48,7 +49,7 @@ def drive(nature: Nature) -> Drive:
     force = state.force + np.cross(state.omega_dot, arm) + np.cross(state.omega, np.cross(state.omega, arm))
     return Drive(
         t=t, omega=state.omega, omega_dot=state.omega_dot, force=force, jerk=np.gradient(force, STEP, axis=0),
-        lateral=state.force[:, 0], roll=state.angles[:, 1], warmth=nature.warmth.at(1, t) - 20.0,
+        lateral=state.force[:, 0], roll=state.angles[:, 1], warmth=nature.warmth.at(1, t) - 20.0, lever=arm,
     )  # fmt: skip
 
 
@@ -137,10 +138,14 @@ def signal(
 
 
 def bent(seen: Drive, angle: FloatArray, axis: int) -> FloatArray:
-    """theta = angle about an axis: theta' + w x theta, F x theta, theta."""
+    """theta = angle about an axis as flexure itself would show: theta', gravity and the lever's acceleration, theta.
+
+    Products with the ship's rate stay out, as they do of the flexure that hides it: else they would have no noise.
+    """
     theta = np.outer(angle, np.eye(3)[axis])
-    gyro = np.gradient(theta, STEP, axis=0) + np.cross(seen.omega, theta)
-    return signal(seen, gyro, np.cross(seen.force, theta), theta)
+    rate = np.gradient(theta, STEP, axis=0)
+    gravity = np.array([0.0, 0.0, STANDARD_GRAVITY])
+    return signal(seen, rate, np.cross(gravity, theta) - np.cross(seen.lever, np.gradient(rate, STEP, axis=0)), theta)
 
 
 def unit_signals(name: str, seen: Drive, drawn: dict) -> list[FloatArray] | None:

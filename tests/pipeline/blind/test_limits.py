@@ -68,3 +68,20 @@ def test_the_bound_is_five_and_a_half_deviations_of_white_noise():
     energy = np.sum(pulse**2) * limits.STEP
     window = np.sum(np.hanning(len(seen.t)) ** 2) / len(seen.t)  # the middle of the record weighs 1 / 0.375
     assert found == pytest.approx(limits.DETECTABLE * np.sqrt(density / energy * window), rel=0.05)
+
+
+def test_no_channel_tells_bending_from_flexure_better_than_theta_itself_would(nature):
+    """Bending adds to theta, so that its bound is at least that of theta seen without noise: sum of |s|^2 / S_theta."""
+    seen = limits.drive(nature)
+    found = limits.limit(nature, limits.unit_signals("wave_forced_bending", seen, {}), seen) / limits.DETECTABLE
+    deck, wave = nature.deck, np.radians(1.0 / 60.0) * np.degrees(seen.roll)
+    window = np.hanning(len(wave))
+    spectrum = np.fft.rfft(wave * window)
+    w = 2.0 * np.pi * np.fft.rfftfreq(len(wave), limits.STEP)
+    inside = w < 2.0 * np.pi * limits.HIGHEST
+    for axis in range(3):
+        mu, stiffness = deck.damping[axis], deck.damping[axis] ** 2 + deck.frequency[axis] ** 2
+        density = 4.0 * mu * stiffness * deck.std[axis] ** 2 / ((stiffness - w**2) ** 2 + (2.0 * mu * w) ** 2)
+        variance = density * np.sum(window**2) / limits.STEP
+        information = 2.0 * np.sum(np.abs(spectrum[inside]) ** 2 / variance[inside])
+        assert 0.9 < found[axis] * np.sqrt(information) < 1.6
