@@ -62,6 +62,7 @@ class Summary:
         """Count a log that ended."""
         told = (outcome.source.address, outcome.source.name, outcome.reason)
         self.done += outcome.state is State.DONE
+        self.done_before += outcome.state is State.BEFORE
         self.same += outcome.state is State.KNOWN
         if outcome.state is State.ASIDE:
             self.aside.append(told)

@@ -13,7 +13,7 @@ from pipeline.archive.memory import GB, per_worker
 from pipeline.archive.working import Job, Outcome, State, process
 from schemas.errors import DataError
 
-PATIENCE_S = 20.0  # for a scheduler to answer, and for its first worker
+PATIENCE_S = 10.0  # for a scheduler to answer, and for its first worker
 CLOSING_S = 5.0
 AHEAD = 2  # jobs a thread of a foreign cluster has waiting; our own workers get the next when they are done
 DEATHS = 1  # workers that may die of a log and it is tried once more
@@ -114,12 +114,21 @@ def crew(wish: Wish, jobs: int) -> Iterator[Crew]:
     """Workers while the block runs. jobs: how many there are to do; more workers than that are not started."""
     import dask
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    _hush()
     with dask.config.set(SETTINGS):
         if wish.scheduler:
             yield from _foreign(wish.scheduler)
         else:
             yield from _own(wish, jobs)
+
+
+def _hush() -> None:
+    """Keep what Dask logs to itself: what matters is said in a line of ours."""
+    import distributed  # its loggers are there, and their levels set, once it is imported
+
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == distributed.__name__]
+    for name in (*names, "asyncio", "tornado.application"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
 
 def _foreign(address: str) -> Iterator[Crew]:
@@ -151,7 +160,7 @@ def _own(wish: Wish, jobs: int) -> Iterator[Crew]:
         host="127.0.0.1",
         dashboard_address=None,
         memory_limit=wish.limit or 0,
-        silence_logs=logging.CRITICAL,
+        silence_logs=logging.CRITICAL + 1,
     )
     try:
         with Client(cluster, set_as_default=False) as client:

@@ -39,10 +39,14 @@ OUT_OF_MEMORY = "out of memory: fewer workers leave more for each"
 
 
 class State(StrEnum):
-    """How a log ended. FAILED: not this time, the next run tries again. STORE: results cannot be written."""
+    """How a log ended. KNOWN: another log of the same content is done. BEFORE: its result is there already.
+
+    FAILED: not this time, the next run tries again. STORE: results cannot be written.
+    """
 
     DONE = "done"
     KNOWN = "known"
+    BEFORE = "there"
     ASIDE = "set aside"
     FAILED = "failed"
     STORE = "store"
@@ -199,11 +203,11 @@ def _known(task: Task, state: str) -> Outcome:
     """There is an entry already: of an earlier run, of another batch, or of a log with the same content."""
     task.noted()
     entry = read_entry(task.store, task.key, state)
-    again = entry["log"] != task.job.source.address
-    same = f"same content as {entry['name']}" if again else "done before"
     if state == ASIDE:
         return Outcome(task.job.source, State.ASIDE, task.key, reason=entry["reason"])
-    return Outcome(task.job.source, State.KNOWN, task.key, reason=same)
+    if entry["log"] == task.job.source.address:
+        return Outcome(task.job.source, State.BEFORE, task.key, reason="done before")
+    return Outcome(task.job.source, State.KNOWN, task.key, reason=f"same content as {entry['name']}")
 
 
 def _worked(task: Task, before: tuple[int, int, int]) -> Outcome:
