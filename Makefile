@@ -1,4 +1,4 @@
-.PHONY: setup run test lint bench fuzz clean
+.PHONY: setup run test suite lint bench fuzz clean
 VENV := .venv
 STAMP := $(VENV)/.ready
 PYTHON ?= python3
@@ -23,8 +23,11 @@ lint: setup
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 
-test: lint
-	$(VENV)/bin/python -m pytest -n 2
+test: setup
+	$(MAKE) --jobs=2 lint suite
+
+suite: setup
+	$(VENV)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 bench: setup
 	$(VENV)/bin/python -m benchmarks

@@ -12,16 +12,16 @@ from stages.align import align
 from stages.diagnose.baseline import Baseline, baseline
 from stages.diagnose.shrinkage import augmented_twin
 from stages.diagnose.view import believed
-from twin import effects, load_twin, parse_twin, simulate, with_run
+from twin import Twin, effects, load_twin, parse_twin, simulate, with_run
 
 TWIN = with_run(load_twin("random-sea"), duration=330.0)
 
 Parameters = dict[str, Any]
 
 
-def log(*given: tuple[str, Parameters], seed: int = 7) -> Trial:
+def log(*given: tuple[str, Parameters], seed: int = 7, of: Twin = TWIN) -> Trial:
     """A trial of the twin with effects; its truth is thrown away."""
-    twin = parse_twin(augmented_twin(TWIN, [effects.build(name, parameters) for name, parameters in given]))
+    twin = parse_twin(augmented_twin(of, [effects.build(name, parameters) for name, parameters in given]))
     return simulate(twin, np.random.default_rng(seed)).trial
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,12 @@ from schemas.errors import DataError
 from schemas.trial import Trial
 from stages.diagnose import diagnose
 from stages.diagnose.judgement import judged
-from tests.stages.diagnose.simulated import TWIN, log, part, with_gap, without_aids
-from twin import effects, parse_twin
+from tests.stages.diagnose import simulated
+from tests.stages.diagnose.simulated import part, with_gap, without_aids
+from twin import effects, parse_twin, with_run
+
+TWIN = with_run(simulated.TWIN, duration=240.0)
+log = partial(simulated.log, of=TWIN)
 
 DELAY = ("time_delay", {"delay": 0.001})
 SCALE = ("gyro_scale_factor", {"x": 400.0, "z": -600.0})
