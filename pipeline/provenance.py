@@ -34,7 +34,7 @@ def provenance(log: Path, sha256: str, options: RunOptions, rig_name: str) -> Ma
         "deckflex": deckflex_version(),
         "python": platform.python_version(),
         **libraries,
-        "log": log.name,
+        "log": log.name.encode("utf-8", "backslashreplace").decode(),  # a name need not be text
         "log.sha256": sha256,
         **stated,
         **rig,

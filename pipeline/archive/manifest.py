@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -66,10 +66,11 @@ def open_archive(store: Store) -> None:
         raise DataError(f"is an archive of format {stated}; this version knows format {FORMAT}", file=store.root)
 
 
-def note_content(store: Store, source: Source, sha256: str, earlier: Iterable[str] = ()) -> None:
+def note_content(store: Store, source: Source, sha256: str, earlier: Collection[str] = ()) -> None:
     """Remember what an address holds; earlier: names of marks that no longer hold."""
     name = f"{_short(source.address)}-{_short(source.stamp)}-{sha256}.json"
-    store.write(f"{INPUTS}/{name}", encoded({"address": source.address, "name": source.name, "sha256": sha256}))
+    if name not in earlier:
+        store.write(f"{INPUTS}/{name}", encoded({"address": source.address, "name": source.name, "sha256": sha256}))
     for old in earlier:
         if old != name:
             store.remove(f"{INPUTS}/{old}")

@@ -123,11 +123,15 @@ def _of_pattern(pattern: str, output: str) -> Found:
     rest = pattern[len(root) :].lstrip("/")
     base = Path(root or ("/" if pattern.startswith("/") else "."))
     with telling(pattern):
-        matches = sorted(base.glob(rest))
+        matches = sorted(path for path in base.glob(rest) if not _is_hidden(path.relative_to(base)))
     folders = [path for path in matches if path.is_dir() and "**" not in rest]
     files = [path for path in matches if path.name.lower().endswith(SUFFIX) and not path.is_dir()]
     kept = [path for path in files if not _within(path, output)]
     return gathered([_of_files(kept, base), *(_of_directory(path, output) for path in folders)])
+
+
+def _is_hidden(path: Path) -> bool:
+    return any(part.startswith(".") and part != ".." for part in path.parts)
 
 
 def _within(path: Path, output: str) -> bool:
