@@ -38,7 +38,6 @@ class Drive:
     lateral: FloatArray  # (n,) m/s^2 at the main IMU
     roll: FloatArray  # (n,) rad
     warmth: FloatArray  # (n,) K
-    lever: FloatArray  # (3,) m
 
 
 def drive(nature: Nature) -> Drive:
@@ -49,21 +48,37 @@ def drive(nature: Nature) -> Drive:
     force = state.force + np.cross(state.omega_dot, arm) + np.cross(state.omega, np.cross(state.omega, arm))
     return Drive(
         t=t, omega=state.omega, omega_dot=state.omega_dot, force=force, jerk=np.gradient(force, STEP, axis=0),
-        lateral=state.force[:, 0], roll=state.angles[:, 1], warmth=nature.warmth.at(1, t) - 20.0, lever=arm,
+        lateral=state.force[:, 0], roll=state.angles[:, 1], warmth=nature.warmth.at(1, t) - 20.0,
     )  # fmt: skip
 
 
-def limit(nature: Nature, columns: Sequence[FloatArray], seen: Drive) -> FloatArray:
-    """The smallest detectable value (k,) of each of k parameters, given the signal (n, 9) of a unit of each.
+@dataclass(frozen=True)
+class Bending:
+    """theta (n, 3) rad, which shows as flexure itself does.
+
+    Products with the ship's rate stay out, as they do of the flexure that hides it: else they would have no noise.
+    """
+
+    theta: FloatArray
+
+
+def limit(nature: Nature, columns: Sequence[FloatArray | Bending], seen: Drive) -> FloatArray:
+    """The smallest detectable value (k,) of each of k parameters, given the signal of a unit of each: (n, 9), or bending.
 
     Channels: rates, forces, relative attitude of the PHINS, three axes each.
     """
     nuisances, free = _nuisances(seen)
-    signals = np.stack([*columns, *nuisances], axis=-1)
     window = np.hanning(len(seen.t))
     every = np.asarray(np.fft.rfftfreq(len(seen.t), STEP), dtype=np.float64)
     f = every[every <= HIGHEST]
-    spectrum = np.fft.rfft(signals * window[:, None, None], axis=0)[: len(f)]
+    gain = _gain(nature.deck, f)
+
+    def transformed(column: FloatArray | Bending) -> ComplexArray:
+        if isinstance(column, Bending):
+            return np.einsum("fca,fa->fc", gain, transformed(column.theta))
+        return np.fft.rfft(column * window[:, None], axis=0)[: len(f)]
+
+    spectrum = np.stack([transformed(column) for column in (*columns, *nuisances)], axis=-1)
     variance = spectra(nature, f) * float((window**2).sum()) / STEP
     weights = np.where(f == 0.0, 1.0, 2.0)
     solved = np.linalg.solve(variance, spectrum)
@@ -112,14 +127,15 @@ def _cross(v: FloatArray) -> FloatArray:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
-def _nuisances(seen: Drive) -> tuple[list[FloatArray], FloatArray]:
+def _nuisances(seen: Drive) -> tuple[list[FloatArray | Bending], FloatArray]:
     """Biases, static angle and seat of the PHINS, with the standard deviation a twin leaves each."""
-    columns, free = [], []
+    columns: list[FloatArray | Bending] = []
+    free = []
     for axis in range(3):
         e = np.eye(3)[axis]
         for name, column in (
             ("gyro", signal(seen, gyro=e)), ("accel", signal(seen, accel=e)),
-            ("static", bent(seen, np.ones(len(seen.t)), axis)), ("phins", signal(seen, attitude=e)),
+            ("static", bent(np.ones(len(seen.t)), axis)), ("phins", signal(seen, attitude=e)),
         ):  # fmt: skip
             columns.append(column)
             free.append(FREE[name])
@@ -137,18 +153,12 @@ def signal(
     return out
 
 
-def bent(seen: Drive, angle: FloatArray, axis: int) -> FloatArray:
-    """theta = angle about an axis as flexure itself would show: theta', gravity and the lever's acceleration, theta.
-
-    Products with the ship's rate stay out, as they do of the flexure that hides it: else they would have no noise.
-    """
-    theta = np.outer(angle, np.eye(3)[axis])
-    rate = np.gradient(theta, STEP, axis=0)
-    gravity = np.array([0.0, 0.0, STANDARD_GRAVITY])
-    return signal(seen, rate, np.cross(gravity, theta) - np.cross(seen.lever, np.gradient(rate, STEP, axis=0)), theta)
+def bent(angle: FloatArray, axis: int) -> Bending:
+    """An angle (n,) rad about an axis."""
+    return Bending(np.outer(angle, np.eye(3)[axis]))
 
 
-def unit_signals(name: str, seen: Drive, drawn: dict) -> list[FloatArray] | None:
+def unit_signals(name: str, seen: Drive, drawn: dict) -> Sequence[FloatArray | Bending] | None:
     """What a unit of each parameter of an effect adds, in the order of its axes; None for what is no mean effect.
 
     drawn: the parameters that shape the effect (a period, a time).
@@ -179,7 +189,7 @@ def unit_signals(name: str, seen: Drive, drawn: dict) -> list[FloatArray] | None
         wave = np.sin(2.0 * np.pi * seen.t / drawn["period"]) * ARCMIN
         return [signal(seen, attitude=np.outer(wave, e)) for e in eye]
     angle = _angle(name, seen, drawn)
-    return None if angle is None else [bent(seen, angle * ARCMIN, i) for i in range(3)]
+    return None if angle is None else [bent(angle * ARCMIN, i) for i in range(3)]
 
 
 def _angle(name: str, seen: Drive, drawn: dict) -> FloatArray | None:
