@@ -130,5 +130,5 @@ def test_the_web_is_read_by_address_and_by_directory(web, tree, tmp_path):
     assert (one.name, one.size) == ("a.mcap", len("a.mcap"))
     listed = found_in([f"{web}/sub/"], "out").sources
     assert [source.address for source in listed] == [f"{web}/sub/b.mcap"]
-    with pytest.raises(DataError, match="x.mcap"):
+    with pytest.raises(DataError, match=r"x\.mcap"):
         found_in([f"{web}/x.mcap"], "out")
