@@ -10,6 +10,7 @@ from stages.archive.line import Line, fitted
 
 MONTH_NS = 365.2425 / 12.0 * 86400.0 * 1e9
 """The mean month of the calendar, ns."""
+NORMAL = 1.4826  # standard deviation of normal values over the median of their sizes
 
 
 def months_since(stamp: IntArray, epoch: int) -> FloatArray:
@@ -34,7 +35,14 @@ def power_law(sea: FloatArray, flexure: FloatArray, log_std: FloatArray) -> Line
 
 
 def apart(line: Line, x: FloatArray, y: FloatArray, std: FloatArray) -> FloatArray:
-    """(n,) distance of the points from their line, in standard deviations of point, excess and line together."""
+    """(n,) distance of the points from their line, in standard deviations of point, line and excess together.
+
+    The excess is taken from the median distance where that is smaller: one point far off must not hide itself.
+    """
     expected, uncertain = line.at(x)
-    spread = np.sqrt(np.asarray(std, dtype=float) ** 2 + line.excess**2 + uncertain**2)
-    return np.asarray((np.asarray(y, dtype=float) - expected) / spread)
+    rest, own = np.asarray(y, dtype=float) - expected, np.asarray(std, dtype=float)
+    if not len(rest):
+        return rest
+    usual = (NORMAL * np.median(np.abs(rest))) ** 2 - np.median(own**2)
+    excess = min(line.excess**2, max(float(usual), 0.0))
+    return np.asarray(rest / np.sqrt(own**2 + excess + uncertain**2))

@@ -1,0 +1,92 @@
+"""The recording of an archive read back: every voyage at its date, the line through them, what a reader is told."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stages.publish.page.archive import archive_page
+from stages.publish.recording.archive import write_archive
+from stages.publish.recording.scene import AXIS_COLOURS
+from tests.stages.publish.page.reading import loads_from_elsewhere, read
+from tests.stages.publish.test_rerun_bridge import chunks, column_text, view_names
+from tests.stages.publish.voyages import STAMP, archive_report, static_trend
+
+STATIC = "/trend_00_static_angle_about_z_heading"
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("archive") / "archive.rrd"
+    write_archive(archive_report(), path)
+    return path
+
+
+def dated(batches):
+    """Values with their dates, ns UTC."""
+    batch = next(b for b in batches if "Scalars:scalars" in b.schema.names)
+    values = batch.column("Scalars:scalars").flatten().to_numpy(zero_copy_only=False)
+    return batch.column("utc").cast("int64").to_numpy(), values
+
+
+def test_verify_finds_no_fault(path):
+    rerun = Path(sys.executable).with_name("rerun")
+    assert subprocess.run([rerun, "rrd", "verify", path], capture_output=True).returncode == 0
+
+
+def test_every_voyage_stands_at_its_date_with_its_sigma(path):
+    found, trend = chunks(path), static_trend()
+    stamp, values = dated(found[f"{STATIC}/z_heading"])
+    np.testing.assert_array_equal(stamp, STAMP)
+    np.testing.assert_allclose(values, trend.values[:, 0])
+    np.testing.assert_allclose(dated(found[f"{STATIC}/z_heading_above"])[1], trend.values[:, 0] + 0.4)
+    np.testing.assert_allclose(dated(found[f"{STATIC}/z_heading_below"])[1], trend.values[:, 0] - 0.4)
+    np.testing.assert_allclose(dated(found[f"{STATIC}/fit/fitted"])[1], trend.fit.value)
+    errors = dated(found["/trend_01_rmse_against_truth/y_roll"])
+    assert len(errors[0]) == 23  # the one that is not known is no point
+    assert not any("nothing" in entity for entity in found)
+
+
+def test_axes_keep_their_colours(path):
+    style = next(b for b in chunks(path)[f"{STATIC}/z_heading"] if "SeriesPoints:colors" in b.schema.names)
+    red, green, blue = AXIS_COLOURS[2]
+    assert style.column("SeriesPoints:colors")[0][0].as_py() == (red << 24) + (green << 16) + (blue << 8) + 255
+
+
+def test_views_say_their_units_and_tabs_are_there(path):
+    names = view_names(path)
+    assert "Static angle about z (heading) [arcmin]" in names
+    assert "Flexure against the sea" in names
+    containers = [b for e, bs in chunks(path, blueprint=True).items() if e.startswith("/container/") for b in bs]
+    name = "ContainerBlueprint:display_name"
+    tabs = {b.column(name)[0][0].as_py() for b in containers if name in b.schema.names}
+    assert tabs >= {"Static angle", "Accuracy", "Against the sea"}
+    assert "Nowhere" not in tabs
+
+
+def test_summary_says_the_answer_and_escapes_what_comes_from_logs(path):
+    text = column_text(path, "/summary")
+    assert text.startswith("# The static angle drifts about z (heading).")
+    assert "voyage\\_59" in text
+    assert "\\*odd\\*" in text
+    assert "and 10 more" in text
+    assert "voyage\\_3 is far off" in text
+
+
+def test_an_archive_without_results_is_still_drawn(tmp_path):
+    from stages.publish.archive import ArchiveReport
+
+    write_archive(ArchiveReport("empty", "no log", "bad", "No log has a result."), tmp_path / "empty.rrd")
+    assert column_text(tmp_path / "empty.rrd", "/summary").startswith("# No log has a result.")
+
+
+def test_the_page_draws_line_band_and_points():
+    html = archive_page(archive_report(), "now")
+    page = read(html)
+    assert page.count("circle") == 24 + 71 + 24
+    assert "± one sigma of the line" in page.texts["figcaption"]
+    assert "Against the sea" in page.texts["h2"]
+    assert loads_from_elsewhere(page) == []
+    assert not page.unbalanced
