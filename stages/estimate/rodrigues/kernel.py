@@ -11,6 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from physics.compiled import put
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
@@ -94,8 +96,8 @@ def _advance(M: FloatArray, T: float, f: FloatArray, C_s: FloatArray, A: FloatAr
         for j in range(3):
             phi -= T * C_s[i, j] * M[EPS + j]
         theta, rate = M[THETA + i].copy(), M[RATE + i].copy()
-        M[THETA + i] = F[i, 0, 0] * theta + F[i, 0, 1] * rate
-        M[RATE + i] = F[i, 1, 0] * theta + F[i, 1, 1] * rate
+        put(M[THETA + i], F[i, 0, 0] * theta + F[i, 0, 1] * rate)
+        put(M[RATE + i], F[i, 1, 0] * theta + F[i, 1, 1] * rate)
 
 
 @njit(cache=True, nogil=True)
@@ -131,15 +133,16 @@ def _measure(
     _times(plus, block, H[3:, PHI : PHI + 3])
     _times(plus, C_s, H[3:, EPS : EPS + 3])
     _times(minus, C_m, H[3:, RATE : RATE + 3])
-    H[:3, DV : DV + 3] = plus
-    H[:3, VR : VR + 3] = minus
+    for i in range(3):
+        put(H[i, DV : DV + 3], plus[i])
+        put(H[i, VR : VR + 3], minus[i])
     velocity = x[DV : DV + 3] - x[VR : VR + 3]
     _skew(sums[:3] - velocity, H[:3, L : L + 3])
     _skew(sums[3:] - (error - flexure), H[3:, L : L + 3])
     _skew(sums[:3], block)
-    h[:3] = block @ x[L : L + 3] + plus @ x[DV : DV + 3] + minus @ x[VR : VR + 3]
+    put(h[:3], block @ x[L : L + 3] + plus @ x[DV : DV + 3] + minus @ x[VR : VR + 3])
     _skew(sums[3:], block)
-    h[3:] = block @ x[L : L + 3] + plus @ error + minus @ flexure
+    put(h[3:], block @ x[L : L + 3] + plus @ error + minus @ flexure)
 
 
 @njit(cache=True, nogil=True)
@@ -200,7 +203,7 @@ def _predict_model(
     B = H @ Gamma
     spread = np.empty((9, SEEN))
     for a in range(9):
-        spread[a] = B[:, a] * (q[max(a // 3, a - 4)] / (T * weight))
+        put(spread[a], B[:, a] * (q[max(a // 3, a - 4)] / (T * weight)))
     S = B @ spread
     for i in range(SEEN):
         S[i, i] += R[i]
@@ -228,7 +231,7 @@ def _update(
         for j in range(SIZE):
             column = gain[:, j].copy()
             _backward(S, column)
-            gain[:, j] = column * C
+            put(gain[:, j], column * C)
         P -= HP.T @ gain
         return
     for i in range(SIZE):
@@ -248,13 +251,17 @@ def _total_covariance(x: FloatArray, P: FloatArray, A_m: FloatArray, out: FloatA
     for i in range(3):
         onto[i, i] += 1.0
     onto *= 2.0 / (1.0 + l2)
-    J[:, :3] = A_m.T @ onto
-    J[:, 3:] = A_m.T @ C_T
+    by_l, by_phi = A_m.T @ onto, A_m.T @ C_T
+    for i in range(3):
+        put(J[i, :3], by_l[i])
+        put(J[i, 3:], by_phi[i])
     block = np.empty((6, 6))
     for i in range(6):
         for j in range(6):
             block[i, j] = P[i if i < 3 else i + 3, j if j < 3 else j + 3]
-    out[:] = J @ block @ J.T
+    found = J @ block @ J.T
+    for i in range(3):
+        put(out[i], found[i])
 
 
 @njit(cache=True, nogil=True)
@@ -286,21 +293,24 @@ def run(
             _add_noise(P, T, A[2], q, jump[k])
         if k > 0 and good[k]:
             _measure(x, sums[k], W_s[k], C_s, C_m, h, H)
-            v[:] = z[k] - h
+            put(v, z[k] - h)
             HP = H @ P
             S = HP @ H.T
             for i in range(SEEN):
                 S_ii[i] = S[i, i] + R[i]
-            innovation[k], variance[k] = v, S_ii
+            put(innovation[k], v)
+            put(variance[k], S_ii)
             _weights(v, R if printed else S_ii, width, floor, C)
             if mpf_weight > 0.0:
                 _predict_model(x, v, H, T, C_s, A[2], q, mpf_weight, R if printed else R / C)
                 _measure(x, sums[k], W_s[k], C_s, C_m, h, H)
-                v[:] = z[k] - h
+                put(v, z[k] - h)
             for i in range(SEEN):
                 S[i, i] += R[i] / C[i]
             _update(x, P, HP, S, v, C, printed)
-        kept[k, :3], kept[k, 3:6], kept[k, 6:] = x[L : L + 3], x[PHI : PHI + 3], x[THETA : THETA + 3]
+        put(kept[k, :3], x[L : L + 3])
+        put(kept[k, 3:6], x[PHI : PHI + 3])
+        put(kept[k, 6:], x[THETA : THETA + 3])
         _matrix(q_m[k], C_m)
         _total_covariance(x, P, C_m, covariance[k])
     return kept, covariance, innovation, variance, x, P
