@@ -41,6 +41,7 @@ COLOUR = 20.0 * MICRO_G  # where the search for the accelerometers' coloured noi
 COLOUR_TAU = 3.0  # s
 JITTER, VELOCITY = 2e-5, 1e-5  # m, m/s, where the search begins; the floors are those of rounding
 JUMP_SIGMA, MOST_JUMPS = 6.0, 8
+SOFT = 1.5  # factor by which std is larger and stiffness smaller than spectra show, where slow bending passes for them
 
 
 @dataclass(frozen=True)
@@ -83,14 +84,14 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     """
     believed = _aligned(source, coarse)
     paired = pair(source.trial, believed, despike=False)  # a step of the mounting is a spike of its gyro
-    flexure = tuning.separable(identify.get("whittle")().identify(source.trial, believed))
+    flexure = _sober(tuning.separable(identify.get("whittle")().identify(source.trial, believed)), source.flexure)
     at = Linearisation.at(believed, source.lever_arm)
     obs = _without_slow_bending(observe(paired, at), source, at.coupling)
     response = Response(obs, at.R_ref, at.coupling)
     own = (
         *slow_bending(source, response),
-        *structure(source, obs, at.R_ref, response),
-        *tolerances(source, obs, at.R_ref, response),
+        *structure(flexure, obs, at.R_ref, response),
+        *tolerances(source, flexure, obs, at.R_ref, response),
         *gyro_lag(source, obs, at.R_ref, response),
     )
     match = whitening.phins_match(source.trial, obs)
@@ -108,6 +109,18 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     return Baseline(
         source, at, paired, obs, match, flexure, levels, whitened, tuner.nuisances, columns, response, jumps
     )
+
+
+def _sober(found: FlexureModel, seen: FloatArray | None) -> FlexureModel:
+    """Slow bending passes for soft and wide flexure: about such an axis, what the spectra show without slow motion.
+
+    seen: (3, 3) damping, stiffness and std of the axes, one a row.
+    """
+    if seen is None:
+        return found
+    soft = (found.std > SOFT * seen[2]) & (found.stiffness < seen[1] / SOFT)
+    damping, stiffness, std = np.where(soft, seen, [found.damping, found.stiffness, found.std])
+    return replace(found, damping=damping, stiffness=stiffness, std=std)
 
 
 def _without_slow_bending(obs: Observations, source: Believed, coupling: FloatArray) -> Observations:

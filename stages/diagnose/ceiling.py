@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from physics.flexure import driven
 from physics.units import STANDARD_GRAVITY
 from schemas.rig import FloatArray
 from stages.diagnose import whitening
@@ -145,6 +146,20 @@ def _phins_motion(view: LogView) -> list[Signals]:
     return [Signals(phins=x) for x in _matrix(view.omega_m) + _matrix(view.force_m - view.force_m.mean(axis=0))]
 
 
+def _restoring(view: LogView) -> list[Signals]:
+    """Bending under moments that are no line: a stiffness or damping that changes with the size of the bending."""
+    size = np.maximum(view.theta.std(axis=0), 1e-9)
+    x, v = view.theta / size, view.theta_dot / (size * np.sqrt(view.stiffness))
+    moments = [moment * size * view.stiffness for moment in (x**3, np.abs(x) * v, x**2 * v)]
+    return [Signals(bending=on_axis(axis, _answer(view, axis, moment[:, axis])))
+            for moment in moments for axis in range(3)]  # fmt: skip
+
+
+def _answer(view: LogView, axis: int, moment: FloatArray) -> FloatArray:
+    damping, stiffness = view.answering[:, axis]
+    return driven(damping, stiffness, view.interval, moment)
+
+
 FAMILIES: Mapping[str, tuple[str, Made]] = {
     "rates and forces seen by the gyros": ("sub.gyro", _gyro_matrix),
     "a transfer function of the gyros": ("sub.gyro", _gyro_transfer),
@@ -156,6 +171,7 @@ FAMILIES: Mapping[str, tuple[str, Made]] = {
     "a wandering bias of the accelerometers": ("sub.accel", _accel_drift),
     "bending that follows the ship's motion": ("sub.gyro", _bending),
     "slow bending": ("sub.gyro", _slow_bending),
+    "a deck whose restoring moment is no line": ("sub.gyro", _restoring),
     "a slow error of the PHINS": ("phins_sub.attitude", _phins_drift),
     "an error of the PHINS that follows the motion": ("phins_sub.attitude", _phins_motion),
 }

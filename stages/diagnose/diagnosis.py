@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from physics.rotations import exp
+from physics.units import ARCMIN
 from schemas.diagnosis import Diagnosis, Errors, Finding, ParameterEstimate, Place, Tested, Verdict
 from schemas.errors import DataError
 from schemas.products import Alignment
 from schemas.trial import Trial
 from stages.align import align
-from stages.diagnose import direct, events, goodness, pictures, shrinkage, spectra
+from stages.diagnose import direct, events, goodness, pictures, shrinkage, spectra, spectral_residual
 from stages.diagnose.candidate import FLOOR_NATS, Candidate
 from stages.diagnose.ceiling import Family, families
 from stages.diagnose.findings import as_effect, of_pick, of_wander
@@ -124,7 +125,9 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     low_pass = _low_pass(events.without(before, found), twin, names)
     sharp = compensate(calm, [as_effect(finding) for finding in low_pass], twin).trial if low_pass else calm
     say("mean effects")
-    chosen = select(sharp, twin, coarse, rng, names, bool(low_pass))
+    chosen = select(
+        sharp, twin, coarse, rng, names, bool(low_pass), spectra.flexure(events.without(before, found), twin)
+    )
     say("spectra")
     aligned = _aligned(chosen, coarse)
     clean = chosen.clean
@@ -132,7 +135,7 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
         clean = compensate(calm, [pick.effect for pick in chosen.picks], twin).trial
     whole = spectra.residual(clean, aligned, twin)
     slams, found = events.examine(whole, twin)
-    residual = events.without(whole, found)
+    residual = _linear(events.without(whole, found), chosen, twin)
     known = tuple(finding.name for finding in checks.findings if finding.name in spectra.NOISES)
     first = tuple(finding.name for finding in low_pass)
     spectral, joint = _spectral(residual, twin, _not_alike(chosen, names), known, first)
@@ -151,6 +154,12 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     excess = _excess(residual, twin, joint, spectral, known, "axis_coupling" not in names)
     findings = _findings(checks, chosen, candidates, joint)
     return Evidence(checks, chosen, candidates, found, before, residual, joint, ceiling, excess, findings)
+
+
+def _linear(residual: FullRateResidual, chosen: Selection, twin: Twin) -> FullRateResidual:
+    """The residual of the deck that stiffens as if it did not: what stays in the log would bend the spectra."""
+    gain = sum(float(pick.value[0]) for pick in chosen.picks if pick.group.effect == "amplitude_stiffening")
+    return spectral_residual.linear(residual, gain / ARCMIN**2, twin) if gain else residual
 
 
 def _low_pass(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) -> tuple[Finding, ...]:

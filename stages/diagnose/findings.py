@@ -18,6 +18,7 @@ from twin.effects._prediction import Signals
 
 ALIKE_NATS = 5.0  # by which another effect may fall short and still be a look-alike
 ALIKE_SHARE = 0.9  # of the evidence
+RELATIVE = {"amplitude_stiffening": 0.15}  # of a parameter: it is told in units of what the twin knows only so well
 
 
 def of_pick(chosen: Selection, pick: Pick) -> Finding:
@@ -56,7 +57,7 @@ def of_wander(found: Wander) -> Finding:
 def _parameters(pick: Pick, interval: float) -> Parameters:
     """interval: s between samples of the log."""
     units = {item.name: item.unit for item in effects.get(pick.group.effect).parameters()}
-    std = np.sqrt(np.diag(pick.covariance))
+    std = np.hypot(np.sqrt(np.diag(pick.covariance)), RELATIVE.get(pick.group.effect, 0.0) * pick.value)
     out: dict[str, Any] = {}
     for parameter, value, error in zip(pick.group.parameters, pick.value, std):
         owner, _, axis = parameter.partition(".")

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from physics import quaternions
 from physics.flexure import driven
 from physics.units import ARCMIN, DEG_PER_HOUR, MICRO_G
+from schemas.products import FlexureModel
 from schemas.rig import FloatArray
 from stages.diagnose.columns import Response, trapezoid_means
 from stages.diagnose.view import Believed, log_view
@@ -148,22 +149,23 @@ def _on_u(u: FloatArray) -> FloatArray:
     return np.hstack([np.zeros_like(u), u, np.zeros_like(u)])
 
 
-def structure(source: Believed, obs: Observations, R_ref: FloatArray, response: Response) -> list[Nuisance]:
+def structure(flexure: FlexureModel, obs: Observations, R_ref: FloatArray, response: Response) -> list[Nuisance]:
     """Stiffness and damping of each axis: the answer to a lacking moment b^2 theta or 2 mu theta'."""
-    belief, theta = source.twin.flexure, seen_flexure(obs, R_ref)
+    theta = seen_flexure(obs, R_ref)
     step = float(np.median(np.diff(obs.t)))
     rate, out = np.gradient(theta, step, axis=0), []
-    for axis, (mu, frequency) in enumerate(zip(belief.damping, belief.frequency)):
-        b2 = mu**2 + frequency**2
+    for axis, (mu, b2) in enumerate(zip(flexure.damping, flexure.stiffness)):
         for name, moment in (("stiffness", b2 * theta[:, axis]), ("damping", 2.0 * mu * rate[:, axis])):
             bending = on_axis(axis, driven(mu, b2, step, -moment))
             out.append(Nuisance(f"{name} {'xyz'[axis]}", response(Signals(bending=bending)), STIFFNESS_SHARE))
     return out
 
 
-def tolerances(source: Believed, obs: Observations, R_ref: FloatArray, response: Response) -> list[Nuisance]:
+def tolerances(
+    source: Believed, flexure: FlexureModel, obs: Observations, R_ref: FloatArray, response: Response
+) -> list[Nuisance]:
     """Small errors of the sub-IMU's scale factors and axes, which no calibration leaves out."""
-    view = log_view(source, obs, R_ref, np.zeros((len(obs.t), 3)))
+    view = log_view(source, obs, R_ref, np.zeros((len(obs.t), 3)), flexure)
     return [
         Nuisance(f"{name} {column.parameter}", response(column.signals), sigma)
         for name, sigma in TOLERANCES.items()

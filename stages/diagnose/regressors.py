@@ -58,7 +58,7 @@ class Regressors:
 
 def view_of(base: Baseline) -> LogView:
     """The view from which effects predict."""
-    return log_view(base.source, base.obs, base.at.R_ref, seen_flexure(base.obs, base.at.R_ref))
+    return log_view(base.source, base.obs, base.at.R_ref, seen_flexure(base.obs, base.at.R_ref), base.flexure)
 
 
 def regressors(

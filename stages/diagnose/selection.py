@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -46,11 +46,15 @@ EVENT_PENALTY = 3.0  # nats more for an event, on top of ln(steps) and half ln(s
 
 @dataclass(frozen=True)
 class Pick:
-    """A named effect: its group's columns, values and covariance in the units of the declaration, taken-out part in."""
+    """A named effect: its group's columns, values and covariance in the units of the declaration, taken-out part in.
+
+    taken: (k,) of the values, what was taken out of the log; nothing of an effect that stays.
+    """
 
     group: Group
     value: FloatArray
     covariance: FloatArray
+    taken: FloatArray
     shape_std: float = 0.0
 
     @property
@@ -129,25 +133,29 @@ class Selection:
 
     @property
     def taken(self) -> FloatArray:
-        """(N, m) whitened: what the picks take off the log."""
+        """(N, m) whitened: what was taken off the log for the picks."""
         places = [k for pick in self.picks for k in self.columns(pick)]
-        values = np.concatenate([pick.value for pick in self.picks]) if self.picks else np.zeros(0)
+        values = np.concatenate([pick.taken for pick in self.picks]) if self.picks else np.zeros(0)
         return np.asarray(self.regressors.columns[:, :, places] @ values)
 
 
 def select(
     trial: Trial, twin: Twin, coarse: Alignment, rng: np.random.Generator,
-    library: Collection[str] = (*MEAN, instability.NAME), lagging: bool = False,
+    library: Collection[str] = (*MEAN, instability.NAME), lagging: bool = False, flexure: FloatArray | None = None,
 ) -> Selection:  # fmt: skip
-    """Name mean effects one after the other until the next one's held-out evidence does not beat its threshold."""
+    """Name mean effects one after the other until the next one's held-out evidence does not beat its threshold.
+
+    lagging, flexure: see :class:`stages.diagnose.view.Believed`.
+    """
     names = [name for name in MEAN if name in library]
+    about = partial(_about, trial, twin, coarse, names, lagging, flexure)
     picks: tuple[Pick, ...] = ()
     alone: dict[str, float] = {}
     levels: Levels | None = None
     wandering: Wander | None = None
     thresholds: dict[str, float] = {}
     for _ in range(MOST + 1):
-        base, found, clean = _about(trial, twin, coarse, picks, names, levels, wandering, lagging)
+        base, found, clean = about(picks, levels, wandering)
         levels = base.levels
         gram, taken = _frozen(found, picks)
         picks = _refined(found, gram, picks, taken)
@@ -169,7 +177,7 @@ def select(
     while weakest := _unworthy(chosen):
         picks = tuple(pick for pick in chosen.picks if pick.group.effect != weakest)
         wandering = None if weakest == instability.NAME else chosen.wandering
-        base, found, clean = _about(trial, twin, coarse, picks, names, chosen.base.levels, wandering, lagging)
+        base, found, clean = about(picks, chosen.base.levels, wandering)
         gram, taken = _frozen(found, picks)
         chosen = _finished(_refined(found, gram, picks, taken), base, found, clean, alone, thresholds, wandering)
     return chosen
@@ -197,14 +205,14 @@ def _worth(evidence: float, threshold: float, alone: Mapping[str, float], picks:
 
 
 def _about(
-    trial: Trial, twin: Twin, coarse: Alignment, picks: Sequence[Pick], names: Sequence[str], levels: Levels | None,
-    wandering: Wander | None, lagging: bool,
+    trial: Trial, twin: Twin, coarse: Alignment, names: Sequence[str], lagging: bool, flexure: FloatArray | None,
+    picks: Sequence[Pick], levels: Levels | None, wandering: Wander | None,
 ) -> tuple[Baseline, Regressors, Trial]:  # fmt: skip
     """Baseline, regressors and log with the picks taken out."""
     named = [pick.effect for pick in picks]
     clean = compensate(trial, named, twin).trial if picks else trial
     arm = reduce(lambda changed, effect: effect.twin(changed), named, twin).mount.lever_arm
-    base = baseline(believed(clean, section(twin, "mount", lever_arm=arm), lagging), coarse, levels)
+    base = baseline(believed(clean, section(twin, "mount", lever_arm=arm), lagging, flexure), coarse, levels)
     if wandering is not None:
         made = instability.as_nuisances(instability.basis(base), wandering.std, wandering.tau)
         base = extended(base, [*made, *instability.mean_nuisances(base, wandering.std, wandering.tau)])
@@ -245,7 +253,8 @@ def _refined(found: Regressors, gram: Gram, picks: Sequence[Pick], taken: FloatA
     out, first = [], len(_nuisances(found))
     for pick in picks:
         here = slice(first, first + len(pick.group.names))
-        out.append(replace(pick, value=pick.value + fit.value[here], covariance=fit.covariance[here, here]))
+        taken = np.zeros_like(pick.value) if effects.get(pick.group.effect).stays else pick.value
+        out.append(replace(pick, value=taken + fit.value[here], covariance=fit.covariance[here, here], taken=taken))
         first = here.stop
     for k, pick in enumerate(picks):
         if pick.group.slope in found.gram.names:
@@ -329,7 +338,7 @@ def _picked(base: Baseline, found: Regressors, gram: Gram, picks: Sequence[Pick]
         return _with_period(base, found, gram, kept, group)
     else:
         fit = solve(gram.total, gram.precision, [*kept, *gram.index(group.names)])
-    return Pick(group, fit.value[-k:], fit.covariance[-k:, -k:])
+    return Pick(group, fit.value[-k:], fit.covariance[-k:, -k:], np.zeros(k))
 
 
 def _with_period(base: Baseline, found: Regressors, gram: Gram, kept: Sequence[int], group: Group) -> Pick:
@@ -357,7 +366,7 @@ def _with_period(base: Baseline, found: Regressors, gram: Gram, kept: Sequence[i
         width *= 0.4
     period = float(np.exp(log_period))
     _, value, covariance = tried(period)
-    return Pick(_at_period(group, period), value, covariance)
+    return Pick(_at_period(group, period), value, covariance, np.zeros(len(value)))
 
 
 def _finished(
@@ -366,10 +375,8 @@ def _finished(
 ) -> Selection:  # fmt: skip
     gram, _ = _frozen(found, picks)
     places = found.gram.index([name for pick in picks for name in _kept(found, pick).names])
-    values = np.concatenate([pick.value for pick in picks]) if picks else np.zeros(0)
-    first = len(_nuisances(found))
-    now = solve(gram.total, gram.precision, _with(found, picks)).value[first : first + len(places)]
-    restored = shifted(gram, places, values - now)  # as the twin alone leaves the log
+    taken = np.concatenate([pick.taken for pick in picks]) if picks else np.zeros(0)
+    restored = shifted(gram, places, taken)  # as the twin alone leaves the log
     evidence = {}
     for pick in picks:
         others = [other for other in picks if other is not pick]

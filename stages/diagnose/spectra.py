@@ -25,7 +25,7 @@ from stages.diagnose.spectral_coupling import NAMES, Coupling, coupling
 from stages.diagnose.spectral_data import Spectra, spectra
 from stages.diagnose.spectral_fit import Fit, fit_model, held_out, log_likelihood, log_likelihood_by_bin
 from stages.diagnose.spectral_lines import Line
-from stages.diagnose.spectral_model import NOISE, NUISANCES, RELEASES, TOLERANCE, Model, Slot, variants
+from stages.diagnose.spectral_model import FLEXURE, NOISE, NUISANCES, RELEASES, TOLERANCE, Model, Slot, variants
 from stages.diagnose.spectral_residual import FullRateResidual, residual
 from twin import effects
 from twin.config import Twin
@@ -113,6 +113,16 @@ def fit(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) -> Joint
     findings += [_coupling_finding(coupled)] if coupled else []
     findings += [_vibration(line).finding for line in found[:1]]
     return JointFit(tuple(findings), joint.score, nominal.score, joint.halves, joint.whole, coupled, found)
+
+
+def flexure(residual: FullRateResidual, twin: Twin) -> FloatArray | None:
+    """(3, 3) damping, stiffness (1/s^2) and std (rad) of the axes, one a row, at any distance from the twin's; None
+    where gaps leave no spectrum. Segments are too short for slow bending to be in it."""
+    data = spectra(residual)
+    if data.poor:
+        return None
+    model = Model.of(twin, data.grid).plus("flexure_parameters")
+    return np.exp(fit_model(data, model, model.believed).x[FLEXURE]).reshape(3, 3)
 
 
 def pictures(before: FullRateResidual, after: FullRateResidual, joint: JointFit) -> tuple[Spectrum, ...]:

@@ -11,13 +11,14 @@ do not stand in the spectra.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
 from scipy.signal import firwin
 
 from physics import matching, quaternions, whittle
+from physics.flexure import driven
 from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from schemas.errors import DataError
 from schemas.products import Alignment, BoolArray
@@ -78,6 +79,19 @@ def residual(trial: Trial, alignment: Alignment, twin: Twin) -> FullRateResidual
     rate, theta, lag, lag_std = _cleaned(straight(seen - omega, good), omega, interval, twin)
     lag += float(alignment.time_delay.value) - twin.mount.time_delay
     return FullRateResidual(t, interval, rate, good, omega, theta, alignment.rotation, lag, lag_std, between)
+
+
+def linear(residual: FullRateResidual, gain: float, twin: Twin) -> FullRateResidual:
+    """The residual of a deck without the stiffening ``gain``, 1/rad^2.
+
+    theta + d, d'' + 2 mu d' + b^2 d = b^2 gain theta^3
+    """
+    theta = np.empty_like(residual.theta)
+    for axis, (mu, frequency, _) in enumerate(_per_axis(twin)):
+        moment = (mu**2 + frequency**2) * gain * residual.theta[:, axis] ** 3
+        theta[:, axis] = driven(mu, mu**2 + frequency**2, residual.interval, moment)
+    rate = residual.rate + np.gradient(theta, residual.interval, axis=0)
+    return replace(residual, rate=rate, theta=residual.theta + theta)
 
 
 def straight(rate: FloatArray, good: BoolArray) -> FloatArray:

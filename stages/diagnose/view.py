@@ -10,6 +10,7 @@ import numpy as np
 from physics import quaternions
 from physics.rotations import log
 from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
+from schemas.products import FlexureModel
 from schemas.rig import FloatArray, ImuGrade, Rig
 from schemas.trial import ImuSeries, Trial
 from stages.paired import Observations
@@ -25,11 +26,13 @@ class Believed:
     """A log with what the twin says of its sensors taken out; the noise it says stays, stated in the rig.
 
     lagging: the gyros were found to lag by a low-pass that is taken out, how far exactly is for the regression.
+    flexure: (3, 3) damping, stiffness and std of the axes, one a row, as spectra without slow motion show it; or None.
     """
 
     trial: Trial
     twin: Twin
     lagging: bool = False
+    flexure: FloatArray | None = None
 
     @property
     def static(self) -> FloatArray:
@@ -42,16 +45,15 @@ class Believed:
         return np.array(self.twin.mount.lever_arm)
 
 
-def believed(trial: Trial, twin: Twin, lagging: bool = False) -> Believed:
+def believed(trial: Trial, twin: Twin, lagging: bool = False, flexure: FloatArray | None = None) -> Believed:
     """Gyros and accelerometers of both units without the biases, scale factors and skew of the twin."""
     main, sub = _corrected(trial.main, twin.imu.main), _corrected(trial.sub, twin.imu.sub)
     phins_main = _turned(trial.phins_main, twin.phins.installation_main_deg)
     phins_sub = _turned(trial.phins_sub, twin.phins.installation_sub_deg)
     rig = replace(trial.rig, main=_grade(trial.rig.main, twin.imu.main), sub=_grade(trial.rig.sub, twin.imu.sub))
     rig = _with_lever(rig, twin)
-    return Believed(
-        replace(trial, main=main, sub=sub, phins_main=phins_main, phins_sub=phins_sub, rig=rig), twin, lagging
-    )
+    trial = replace(trial, main=main, sub=sub, phins_main=phins_main, phins_sub=phins_sub, rig=rig)
+    return Believed(trial, twin, lagging, flexure)
 
 
 def _corrected(series: ImuSeries, belief: Imu) -> ImuSeries:
@@ -76,8 +78,10 @@ def _with_lever(rig: Rig, twin: Twin) -> Rig:
     return replace(rig, lever_arm=np.array(twin.mount.lever_arm), lever_arm_std=0.05)
 
 
-def log_view(source: Believed, obs: Observations, R_m_s: FloatArray, theta: FloatArray) -> LogView:
-    """The view at the stamps of the observations; R_m_s (3, 3) static, theta (n, 3) rad."""
+def log_view(
+    source: Believed, obs: Observations, R_m_s: FloatArray, theta: FloatArray, flexure: FlexureModel
+) -> LogView:
+    """The view at the stamps of the observations; R_m_s (3, 3) static, theta (n, 3) rad, flexure as identified."""
     main, t = source.trial.main, obs.t
     stamp = source.trial.seconds(main.stamp)
     omega, force = (_held(stamp, values, t) for values in (main.gyro, main.accel))
@@ -91,6 +95,7 @@ def log_view(source: Believed, obs: Observations, R_m_s: FloatArray, theta: Floa
         omega_s=omega_s, omega_dot_s=_slope(omega_s, step), force_s=force_s, jerk_s=_slope(force_s, step),
         theta=theta, theta_dot=_slope(theta, step), damping=np.array(source.twin.flexure.damping),
         stiffness=np.array(source.twin.flexure.damping) ** 2 + np.array(source.twin.flexure.frequency) ** 2,
+        answering=np.stack([flexure.damping, flexure.stiffness]),
         roll=_roll(source.trial, t), temperature_sub=_temperature(source.trial, t),
     )  # fmt: skip
 

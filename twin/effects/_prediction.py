@@ -21,8 +21,9 @@ class LogView:
     t: (n,) s since the epoch. interval: s. R_m_s: (3, 3), static. lever_arm: (3,) m. omega_m, omega_dot_m: (n, 3)
     rad/s and rad/s^2 of the main IMU in m-axes; force_m: (n, 3) m/s^2. omega_s, omega_dot_s, force_s, jerk_s: (n, 3)
     ideal rate, its derivative, specific force and its derivative at the sub-IMU in s-axes, without flexure. theta,
-    theta_dot: (n, 3) rad, rad/s: the flexure that the gyros show. damping, stiffness: (3,) of the flexure. roll: (n,)
-    rad, or None without attitude. temperature_sub: (n,) deg C or None.
+    theta_dot: (n, 3) rad, rad/s: the flexure that the gyros show. damping, stiffness: (3,) of the flexure as the twin
+    has it; answering: (2, 3) those with which a moment turns into bending, as the log shows them. roll: (n,) rad, or
+    None without attitude. temperature_sub: (n,) deg C or None.
     """
 
     t: FloatArray
@@ -40,6 +41,7 @@ class LogView:
     theta_dot: FloatArray
     damping: FloatArray
     stiffness: FloatArray
+    answering: FloatArray
     roll: FloatArray | None = None
     temperature_sub: FloatArray | None = None
 

@@ -63,7 +63,7 @@ class Bending:
 
 
 def limit(nature: Nature, columns: Sequence[FloatArray | Bending], seen: Drive) -> FloatArray:
-    """The smallest detectable value (k,) of each of k parameters, given the signal of a unit of each: (n, 9), or bending.
+    """The smallest detectable value (k,) of each of k parameters, given what a unit of each does: (n, 9) or bending.
 
     Channels: rates, forces, relative attitude of the PHINS, three axes each.
     """

@@ -122,12 +122,15 @@ def linearised(twin: Twin) -> Linearisation:
     return Linearisation.at(alignment(twin), np.array(twin.mount.lever_arm))
 
 
-def levels(twin: Twin, trial: Any) -> Levels:
-    """Of the twin itself."""
+def flexure(twin: Twin) -> FlexureModel:
     mu, frequency = np.array(twin.flexure.damping), np.array(twin.flexure.frequency)
     std = np.array(twin.flexure.std_arcmin) * ARCMIN
-    flexure = FlexureModel("the twin's", mu, mu**2 + frequency**2, std, np.zeros((3, 3, 3)), np.full(3, 4e-7))
-    noise = tuning.initial(alignment(twin), flexure, trial.rig)
+    return FlexureModel("the twin's", mu, mu**2 + frequency**2, std, np.zeros((3, 3, 3)), np.full(3, 4e-7))
+
+
+def levels(twin: Twin, trial: Any) -> Levels:
+    """Of the twin itself."""
+    noise = tuning.initial(alignment(twin), flexure(twin), trial.rig)
     noise = replace(noise, jitter=np.full(3, 2e-6), velocity=np.full(3, 1e-5))
     return Levels(noise, AccelColour(np.full(3, 1e-4), 3.0), whitening.phins_noise(twin.phins))
 
@@ -140,9 +143,8 @@ def reference(twin: Twin) -> Reference:
     theta = np.stack([np.interp(bare.obs.t, t, column) for column in truth.dynamic_part.T], axis=1)
     model = whitening.build(bare.obs, levels(twin, source.trial), at.coupling, bare.match)
     whitened = whitening.whiten(model, bare.obs)
-    return Reference(
-        bare, log_view(source, bare.obs, at.R_ref, theta), Response(bare.obs, at.R_ref, at.coupling), whitened
-    )
+    view = log_view(source, bare.obs, at.R_ref, theta, flexure(twin))
+    return Reference(bare, view, Response(bare.obs, at.R_ref, at.coupling), whitened)
 
 
 @pytest.fixture(scope="module")
