@@ -88,7 +88,9 @@ def summary_report(summary: Summary) -> list[str]:
         (len(summary.aside), "set aside"),
         (len(summary.failed), "not this time"),
     ]
-    told = ", ".join(f"{count} {what}" for count, what in counts if count) or "nothing to do"
+    told = ", ".join(f"{count} {what}" for count, what in counts if count) or (
+        "nothing done" if summary.stopped else "nothing to do"
+    )
     lines = [f"{summary.logs} logs: {told}", *(f"note        {note}" for note in summary.notes)]
     if summary.hours_per_minute is not None:
         lines.append(

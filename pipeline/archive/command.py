@@ -21,6 +21,7 @@ Words = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+GOES_ON = "what is finished is kept, and the same command goes on from there"
 KEEP = (
     "What is kept of each log besides its figures: estimates, log, recording, page, tables, nothing; repeat for each."
 )
@@ -82,8 +83,11 @@ def batch(
             console.display(*printing.plan_report(plan))
         return
     wish = Wish(scheduler, workers, memory)
-    with printing.reporter() as tell:
-        summary = run_batch(logs, output, config, wish, retry=retry, rehash=rehash, tell=tell)
+    try:
+        with printing.reporter() as tell:
+            summary = run_batch(logs, output, config, wish, retry=retry, rehash=rehash, tell=tell)
+    except KeyboardInterrupt:
+        raise typer.Exit(console.complain(f"interrupted; {GOES_ON}", console.INTERRUPTED)) from None
     if as_json:
         console.emit(summary.document())
     else:

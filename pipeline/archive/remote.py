@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
 PACKAGES = {"s3": "s3fs", "gs": "gcsfs", "http": "aiohttp", "https": "aiohttp"}
+TALKATIVE = ("gcsfs", "s3fs", "fsspec", "botocore", "aiobotocore", "asyncio")
 READ_ONLY = ("http", "https")
 SCHEME = re.compile(r"^([A-Za-z][A-Za-z0-9+.-]*)::?//")
 MISSING = "is not there"
@@ -46,6 +48,8 @@ def file_system(address: str) -> AbstractFileSystem:
     import fsspec
 
     protocol = protocol_of(address)
+    for name in TALKATIVE:  # what matters is said in a line of ours
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         quiet = {"use_listings_cache": False} if protocol in PACKAGES else {}
         with telling(address):

@@ -155,6 +155,8 @@ class RemoteStore(Store):
 
     def __init__(self, root: str) -> None:
         self.root = absolute(root)
+        if not self.root.partition("://")[2]:
+            raise DataError("names no bucket", file=root)
         self.fs = file_system(self.root)
 
     @override

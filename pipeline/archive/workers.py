@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
+import multiprocessing
 import os
+import signal
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -153,21 +156,47 @@ def _foreign(address: str) -> Iterator[Crew]:
 def _own(wish: Wish, jobs: int) -> Iterator[Crew]:
     from distributed import Client, LocalCluster
 
-    cluster = LocalCluster(
-        n_workers=max(1, min(wish.processes, jobs)),
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        dashboard_address=None,
-        memory_limit=wish.limit or 0,
-        silence_logs=logging.CRITICAL + 1,
-    )
+    cluster = None
     try:
+        cluster = LocalCluster(
+            n_workers=max(1, min(wish.processes, jobs)),
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address=None,
+            memory_limit=wish.limit or 0,
+            silence_logs=logging.CRITICAL + 1,
+        )
         with Client(cluster, set_as_default=False) as client:
+            client.register_plugin(deaf())
             yield Crew(client)
+    except BaseException:
+        _end_at_once()
+        raise
     finally:
         with suppress(Exception):
-            cluster.close(timeout=CLOSING_S)
+            if cluster is not None:
+                cluster.close(timeout=CLOSING_S)
+
+
+def _end_at_once() -> None:
+    """The workers are in the middle of a log, and would work on to its end before they heard of ours."""
+    from distributed.deploy.spec import close_clusters
+
+    atexit.unregister(close_clusters)  # it minds that a cluster has not even begun
+    for child in multiprocessing.active_children():
+        child.kill()
+
+
+def deaf() -> Any:
+    """Keeps workers from hearing an interrupt meant for the command: it ends them itself, without words."""
+    from distributed import WorkerPlugin
+
+    class Deaf(WorkerPlugin):  # type: ignore[misc]
+        def setup(self, worker: Any) -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    return Deaf()
 
 
 def limited(jobs: Iterable[Job], wish: Wish) -> Iterator[Job]:
