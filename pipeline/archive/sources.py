@@ -30,6 +30,8 @@ def found_in(words: Sequence[str], output: str) -> Found:
 
 
 def _required(word: str, output: str) -> Found:
+    if not word.strip():
+        raise DataError("an empty word names no logs")
     one = _of_word(word, output)
     if one.empty:
         raise DataError("; ".join([NONE_THERE, *one.notes]), file=word)
