@@ -104,7 +104,7 @@ def _outcome(future: Any, job: Job) -> Outcome:
     try:
         return future.result()  # type: ignore[no-any-return]
     except KilledWorker:
-        reason = f"its worker died {DEATHS + 1} times or more: the log may need more memory than there is"
+        reason = "its workers died one after the other: the log may need more memory than there is"
         return Outcome(job.source, State.FAILED, reason=reason)
     except (CancelledError, TimeoutError, OSError) as error:
         raise DataError(LOST) from error
