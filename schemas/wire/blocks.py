@@ -17,7 +17,6 @@ from schemas.wire.records import (
     FRAME_SIZE,
     MAX_CHUNK,
     MESSAGE_BODY,
-    ChunkHead,
     RecordError,
     check_crc,
     chunk_head,
@@ -58,42 +57,40 @@ class Space(list[Bytes]):
         return self[0][start : start + size]
 
 
-def load(file: File, block: Block, space: Space, start: int, room: int) -> Contents:
-    """Put a block's records into the buffer at start, with room bytes to spare, and find its messages.
+def load(file: File, block: Block, space: Space, start: int, room: int) -> int:
+    """Put a block's records into the buffer at start, with room bytes to spare; how many bytes they are.
 
     Raises RecordError when nothing of it can be used.
     """
-    if block.chunk:
-        return _load_chunk(file, block, space, start, room)
-    data = np.frombuffer(file.read(block.start, block.stop), np.uint8)
-    space.at(start, len(data) + room)[: len(data)] = data
-    return _walk(space[0], start, len(data))
-
-
-def _load_chunk(file: File, block: Block, space: Space, start: int, room: int) -> Contents:
-    body = file.read(block.start, max(block.stop, block.index[1]))
-    index = body[block.index[0] - block.start :] if block.index[1] else b""
-    view = memoryview(body)[: block.stop - block.start]
+    view = memoryview(file.read(block.start, block.stop))
+    if not block.chunk:
+        return _put(view, space, start, room)
     head = chunk_head(view, partial=block.partial)
     if head.size > MAX_CHUNK:
         raise RecordError(f"it claims {head.size} uncompressed bytes, more than the {MAX_CHUNK} allowed")
+    data = view[head.data_start :]
     if block.partial:
-        return _load_partial(view, head, space, start, room)
+        return _put(decompress_available(data, head.compression, head.size), space, start, room)
     out = space.at(start, head.size + room)[: head.size]
-    decompress_into(view[head.data_start :], head.compression, out.data)
+    decompress_into(data, head.compression, out.data)
     check_crc(out.data, head.crc)
-    if index:
-        found = _from_index(space[0], start, head.size, _index_offsets(index))
-        if found is not None:
-            return found
-    return _walk(space[0], start, head.size)
+    return head.size
 
 
-def _load_partial(view: memoryview, head: ChunkHead, space: Space, start: int, room: int) -> Contents:
-    data = decompress_available(view[head.data_start :], head.compression, head.size)
+def _put(data: bytes | memoryview, space: Space, start: int, room: int) -> int:
     space.at(start, len(data) + room)[: len(data)] = np.frombuffer(data, np.uint8)
-    found = _walk(space[0], start, len(data))
-    return replace(found, problem="the end of it is missing")
+    return len(data)
+
+
+def find(file: File, block: Block, buffer: Bytes, start: int, size: int) -> Contents:
+    """The messages of a block whose records are in buffer[start:start + size]. Raises RecordError."""
+    if block.partial:
+        return replace(_walk(buffer, start, size), problem="the end of it is missing")
+    if block.chunk and block.index[1]:
+        index = _index_offsets(file.read(*block.index))
+        if (found := _from_index(buffer, start, size, index)) is not None:
+            return found
+    return _walk(buffer, start, size)
 
 
 def _index_offsets(index: bytes) -> Offsets:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 
 from schemas.errors import DataError
 from schemas.wire.cdr import Bad, Columns, Decoder, Indices, Part
+from schemas.wire.columns import GrowingColumn
 from schemas.wire.fields import Blocks, Paths, split
-from schemas.wire.layout import items, rows_alike
-from schemas.wire.memory import Room, Supply
+from schemas.wire.memory import Supply
+from schemas.wire.plan import PAYLOAD, Plan, plan_like
 from schemas.wire.table import Table
 
 
@@ -66,76 +68,10 @@ class CdrDecoder:
         """Parts that together cover every row once."""
         return list(self._decoder.decode(messages.buffer, messages.offset, messages.length))
 
-
-class GrowingColumn:
-    """A column that grows by rows, in any order. As long as all rows are alike, one of them is all that is kept."""
-
-    def __init__(self, first: NDArray[Any], supply: Supply) -> None:
-        self.shape, self.dtype = first.shape[1:], first.dtype.newbyteorder("=")
-        self._supply = supply
-        self._same: NDArray[Any] | None = np.array(first[:1], self.dtype)
-        self._room = self._larger(0)
-
-    def write(self, where: Any, values: NDArray[Any], filled: int, capacity: int) -> None:
-        """Put values at the rows where; the first filled rows may have been written, those of this batch included."""
-        if self._same is not None:
-            if _alike(values, self._same):
-                return
-            self._room = self._larger(capacity)
-            self._room.ready(filled)
-            self._room.values[:filled] = self._same  # rows of this batch that came before included
-            self._same = None
-        self._room.ready(filled)
-        if len(self.shape) == 1 and _is_plain(values, self.dtype):
-            items(self._room.values)[where] = items(values)
-        else:
-            self._room.values[where] = values
-
-    def reserve(self, filled: int, capacity: int) -> None:
-        """Make room for capacity rows."""
-        if self._same is None and capacity > len(self._room.values):
-            larger = self._larger(capacity)
-            larger.ready(filled)
-            larger.values[:filled] = self._room.values[:filled]
-            self._room = larger
-
-    def finished(self, count: int) -> NDArray[Any]:
-        """(count, ...) values; a read-only broadcast where all rows are alike."""
-        if self._same is not None:
-            return np.broadcast_to(self._same, (count, *self.shape))
-        return self._room.values[:count]
-
-    def _larger(self, capacity: int) -> Room:
-        return Room(self._supply, (capacity, *self.shape), self.dtype)
-
-
-def _alike(values: NDArray[Any], same: NDArray[Any]) -> bool:
-    """Every row has the bits (the value, of objects) of the one in same."""
-    if len(values) == 0:
-        return True
-    if values.dtype == object:
-        if values.strides[0] == 0:
-            values = values[:1]
-        return values.ndim == 1 and isinstance(same[0], str) and bool((values == same).all())
-    if not _is_one(values[-1], same[0]) or not _is_one(values[0], same[0]):
-        return False
-    if values.ndim == 2 and _is_plain(values, same.dtype):
-        return rows_alike(values)
-    if values.dtype.kind == "f":
-        bits = np.dtype(f"u{values.dtype.itemsize}").newbyteorder(values.dtype.byteorder)
-        values = values.view(bits)
-    return bool((values == values[0]).all())
-
-
-def _is_one(row: NDArray[Any], same: NDArray[Any]) -> bool:
-    """Whether a row has the bits of another."""
-    return np.asarray(row, same.dtype).tobytes() == same.tobytes()
-
-
-def _is_plain(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
-    """Whether values (n, k) are rows of adjacent elements of the dtype, which may be moved as bytes."""
-    adjacent = values.shape[1] > 0 and values.strides[1] == dtype.itemsize
-    return adjacent and values.dtype == dtype and not dtype.hasobject
+    def plan(self, record: NDArray[np.uint8], columns: Mapping[Paths, GrowingColumn]) -> Plan | None:
+        """How to take messages like record, the last one decoded; None where these need a closer look each."""
+        known = self._decoder.layout(record[PAYLOAD:])
+        return None if known is None else plan_like(record, *known, columns)
 
 
 @dataclass
@@ -157,7 +93,9 @@ class TableBuilder:
         parts = self.decoder.decode(messages)
         good = self._note_bad(parts, messages)
         kept = len(messages) if good is None else int(good.sum())
-        self._reserve(self.count + kept)
+        if kept == 0:
+            return
+        self.reserve(self.count + kept)
         place = None if good is None else np.cumsum(good) - 1
         for part in parts:
             if isinstance(part, Part):
@@ -166,6 +104,10 @@ class TableBuilder:
         times = {name: getattr(messages, name)[chosen] for name in ("log_time", "publish_time", "sequence")}
         self._write(None, kept, {(f"/{name}",): values for name, values in times.items()})
         self.count += kept
+
+    def plan(self, record: NDArray[np.uint8]) -> Plan | None:
+        """How to take messages like record, the last one added; None where these need a closer look each."""
+        return self.decoder.plan(record, self.columns) if isinstance(self.decoder, CdrDecoder) else None
 
     def table(self) -> Table:
         """The finished table."""
@@ -203,12 +145,14 @@ class TableBuilder:
                 raise DataError(f"{paths[0]} changes its shape within the log", channel=self.topic)
             target.write(where, values, self.count + count, self.capacity)
 
-    def _reserve(self, count: int) -> None:
+    def reserve(self, count: int) -> bool:
+        """Make room for count rows in all; whether the columns have moved to get it."""
         if count <= self.capacity:
-            return
+            return False
         self.capacity = max(count, self.expected, 2 * self.capacity)
         for column in self.columns.values():
             column.reserve(self.count, self.capacity)
+        return True
 
 
 def _rows(rows: Indices | None, count: int) -> Indices:

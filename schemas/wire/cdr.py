@@ -82,6 +82,15 @@ class Decoder:
         blocks = blocks_of(empty_layout(self.mtype), self.wanted)
         return split({block.paths: read_block(block, rows, BODY) for block in blocks})
 
+    def layout(self, message: Rows) -> tuple[Layout, list[Block]] | None:
+        """Layout and blocks of a little-endian message (n,) by the last one of its length; None where it differs."""
+        known = self._known.get((len(message), "<"))
+        if known is None or message[:2].tobytes() != bytes((0, _LITTLE_ENDIAN)):
+            return None
+        rows = np.concatenate([np.zeros(_LEAD, np.uint8), message])[None]
+        fits = len(message) - HEADER - known[0].size <= _SLACK and bool(_matches(known[0], rows)[0])
+        return known if fits else None
+
     def decode(self, buffer: Rows, offset: Indices, length: Indices) -> Iterator[Part | Bad]:
         """Parts of the messages at offset in buffer (n,), each with the rows it covers.
 

@@ -4,20 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mcap import records as mcap
+from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from schemas.wire.blocks import Contents, Heads, Space, load
+from schemas.wire.blocks import Contents, Heads, Space, find, load
 from schemas.wire.builder import Messages
 from schemas.wire.cdr import ROOM
 from schemas.wire.container import Block, File, Outline, Summary, file_crc
-from schemas.wire.records import FRAME_SIZE, MESSAGE_BODY, RecordError, join_heads
+from schemas.wire.plan import passing_over
+from schemas.wire.records import (
+    FRAME,
+    FRAME_SIZE,
+    MESSAGE_BODY,
+    MESSAGE_HEAD,
+    RecordError,
+    join_heads,
+    message_heads,
+    parse_record,
+)
+
+if TYPE_CHECKING:
+    from schemas.wire.shortcut import Shortcut
 
 BATCH = 1 << 23  # bytes of messages taken at a time
 _PAYLOAD = FRAME_SIZE + MESSAGE_BODY
+NOTHING = np.zeros(0, MESSAGE_HEAD)
 LATEST = 2**63 - 1  # ns; MCAP's own times have one bit more
 Progress = Callable[[int, int], None]
 Sink = Callable[[mcap.Channel, mcap.Schema | None, Messages], None]
@@ -32,6 +47,7 @@ class Pass:
     sink: Sink
     expect: Callable[[dict[int, int]], None]
     topics: Collection[str] | None
+    shortcut: Shortcut | None = None
     schemas: dict[int, mcap.Schema] = field(default_factory=dict)
     channels: dict[int, mcap.Channel] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
@@ -43,6 +59,7 @@ class Pass:
     _space: Space = field(default_factory=Space)
     _waiting: list[Contents] = field(default_factory=list)
     _filled: int = 0
+    _learnt: bool = False
 
     def run(self, progress: Progress | None) -> None:
         """Go through the whole file."""
@@ -63,7 +80,10 @@ class Pass:
         if self._unwanted(block):
             return
         try:
-            contents = load(self.file, block, self._space, self._filled, ROOM)
+            size = load(self.file, block, self._space, self._filled, ROOM)
+            contents = self._by_shortcut(block, size)
+            if contents is None:
+                contents = find(self.file, block, self._space[0], self._filled, size)
         except RecordError as error:
             self._note(block, str(error), f"its {sum(block.counts.values()) or ''} messages are lost")
             return
@@ -71,16 +91,74 @@ class Pass:
             self._note(block, contents.problem, f"{len(contents.starts)} messages of it were read")
         for record in contents.others:
             self._declare(record)
+        if len(contents.starts):
+            self._keep(contents)
+
+    def _keep(self, contents: Contents) -> None:
+        """Have messages wait until there are enough of them, or, on the short way, some to learn from."""
         self._waiting.append(contents)
         self._filled += contents.size
-        if self._filled >= BATCH:
+        if self.shortcut is not None:
+            self.shortcut.close(np.unique(contents.heads["channel"]).tolist())
+        if self._filled >= BATCH or not self._learnt:
             self._flush()
+            self._learnt = True
+
+    def _by_shortcut(self, block: Block, size: int) -> Contents | None:
+        """What is left of a block after the short way; None where it has to go the long way as a whole."""
+        if self.shortcut is None or block.partial:
+            return None
+        buffer = self._space[0]
+        found = self.shortcut.scan(buffer, self._filled, size)
+        if found is None or not all(self._is_known(buffer, start) for start in found.others.tolist()):
+            return None
+        taken = self.shortcut.take(buffer, found)
+        for channel, count in taken.counts.items():
+            self.counts[channel] = self.counts.get(channel, 0) + count
+        if taken.counts:
+            self._extend_span(*taken.span)
+        heads = message_heads(buffer, taken.rest) if len(taken.rest) else NOTHING
+        return Contents(size, taken.rest, heads, [])
+
+    def _is_known(self, buffer: NDArray[np.uint8], start: int) -> bool:
+        """Whether the record at start, not a message, says nothing new."""
+        opcode, length = FRAME.unpack_from(buffer.data, start)
+        if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
+            return True
+        known: dict[int, Any] = self.schemas if opcode == Opcode.SCHEMA else self.channels
+        try:
+            record = parse_record(opcode, buffer[start + FRAME_SIZE : start + FRAME_SIZE + length].tobytes())
+        except RecordError:
+            return False
+        return bool(known.get(record.id) == record)
+
+    def _learn(self, channel_id: int, batch: Messages) -> None:
+        """Let messages like the last one of a batch go the short way, if they can."""
+        assert self.shortcut is not None
+        channel = self.channels.get(channel_id)
+        last = int(batch.offset[-1])
+        record = batch.buffer[last - _PAYLOAD : last + int(batch.length[-1])].copy()
+        if channel is None or channel_id in self._spoilt:
+            self.shortcut.open(channel_id, None, None)
+        elif self.topics is not None and channel.topic not in self.topics:
+            self.shortcut.open(channel_id, passing_over(), None)
+        else:
+            self.shortcut.open(channel_id, *self.shortcut.ask(channel, record))
+
+    def __post_init__(self) -> None:
+        self._learnt = self.shortcut is None
 
     def _note(self, block: Block, problem: str, loss: str) -> None:
         what = "chunk" if block.chunk else "run of messages"
-        last = self.span[1]
+        last = self._last_time()
         when = "" if last is None else f"; the last time read before it is {last * 1e-9:.3f} s"
         self.problems.append(f"{what} at byte {block.start}: {problem}; {' '.join(loss.split())}{when}")
+
+    def _last_time(self) -> int | None:
+        """The last log time so far, of the messages that wait too."""
+        times = join_heads([NOTHING, *(one.heads for one in self._waiting)])["log"]
+        waiting = int(times[times <= LATEST].max(initial=0))
+        return max(waiting, self.span[1] or 0) if len(times) or self.span[1] is not None else None
 
     def _unwanted(self, block: Block) -> bool:
         """True when the index of a block names only channels that the summary says nobody asked for."""
@@ -100,6 +178,8 @@ class Pass:
             self._flush()
             if kind == "channel":
                 self._spoilt[record.id] = 0
+                if self.shortcut is not None:
+                    self.shortcut.open(record.id, None, None)
             names = [one.name if isinstance(one, mcap.Schema) else one.topic for one in (before, record)]
             what = "the first one is used" if kind == "schema" else "its messages from there on are left out"
             self.problems.append(f"{kind} id {record.id} is defined twice, as {names[0]} and as {names[1]}; {what}")
@@ -139,7 +219,10 @@ class Pass:
     def deliver(self, batch: Messages, channel: NDArray[np.intp]) -> None:
         """Hand a batch on, channel by channel (channel: id of each message)."""
         for one in np.flatnonzero(np.bincount(channel)):
-            self._hand_on(int(one), _select(batch, np.flatnonzero(channel == one)))
+            mine = _select(batch, np.flatnonzero(channel == one))
+            self._hand_on(int(one), mine)
+            if self.shortcut is not None:
+                self._learn(int(one), mine)
 
     def usable(self, channel_id: int) -> bool:
         """True for a channel that is defined, once."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mcap import records as mcap
@@ -16,6 +17,11 @@ from schemas.wire.one_pass import LATEST, Pass, Progress, announced
 from schemas.wire.records import FRAME_SIZE, RecordError, parse_record
 from schemas.wire.table import Attachment, ChannelInfo, Log
 from schemas.wire.tables import Tables, schema_name
+
+if TYPE_CHECKING:
+    from schemas.wire.shortcut import Shortcut
+
+LONG = 1 << 26  # bytes of a file from which on the short way is worth its start
 
 
 def read_log(
@@ -37,7 +43,7 @@ def read_log(
     tables = Tables(topics, columns or {})
     with File(Path(path)) as file:
         found = outline(file)
-        pass_ = Pass(file, found, tables.add, tables.expect, topics)
+        pass_ = Pass(file, found, tables.add, tables.expect, topics, _shortcut(tables, file.size))
         pass_.run(progress)
         broken = check_attachments(file, found) if attachments else []
     done = tables.tables(pass_)
@@ -46,6 +52,15 @@ def read_log(
     channels = _channel_infos(pass_.channels, pass_.schemas, counts if topics is None else announced(found, counts))
     start, end = pass_.span
     return Log(Path(path), channels, done, problems, found.metadata, tuple(found.attachments), start, end)
+
+
+def _shortcut(tables: Tables, size: int) -> Shortcut | None:
+    """The short way for files so large that it makes up for loading its compiled code."""
+    if size < LONG:
+        return None
+    from schemas.wire.shortcut import Shortcut  # slow to import
+
+    return Shortcut(tables.plan)
 
 
 def scan_log(path: Path | str) -> Log:

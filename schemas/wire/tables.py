@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
+import numpy as np
 from mcap import records as mcap
+from numpy.typing import NDArray
 
 from schemas.errors import DataError
 from schemas.wire.builder import CdrDecoder, MessageDecoder, Messages, TableBuilder
@@ -12,6 +14,7 @@ from schemas.wire.cdr import Decoder
 from schemas.wire.definitions import full_name, parse
 from schemas.wire.memory import Supply
 from schemas.wire.one_pass import Pass
+from schemas.wire.plan import Plan
 from schemas.wire.table import Table
 
 
@@ -24,6 +27,7 @@ class Tables:
         self._builders: dict[str, TableBuilder | None] = {}
         self._announced: dict[int, int] = {}
         self._foreign: set[int] = set()
+        self._owners: dict[str, int] = {}
         self._supply = Supply()
 
     def expect(self, counts: dict[int, int]) -> None:
@@ -43,15 +47,23 @@ class Tables:
                 f"{channel.topic}: carries {builder.schema} and also {schema_name(schema)}; the latter is left out"
             )
 
+    def plan(self, channel: mcap.Channel, record: NDArray[np.uint8]) -> tuple[Plan | None, TableBuilder | None]:
+        """How to take messages of a channel like record, the last one added, and the builder they belong to."""
+        builder = self._builders.get(channel.topic)
+        alone = self._owners.setdefault(channel.topic, channel.id) == channel.id
+        if builder is None or not alone:
+            return None, builder
+        return builder.plan(record), builder
+
     def tables(self, pass_: Pass) -> dict[str, Table]:
-        """The finished tables, empty ones for channels without messages."""
-        for channel in pass_.channels.values():
-            if self.topics is None or channel.topic in self.topics:
-                self._builder(channel, pass_.schemas.get(channel.schema_id))
+        """The finished tables in the order of their channels, empty ones for channels without messages."""
         done: dict[str, Table] = {}
-        for topic, builder in self._builders.items():
+        for channel in pass_.channels.values():
+            if channel.topic in done or (self.topics is not None and channel.topic not in self.topics):
+                continue
+            builder = self._builder(channel, pass_.schemas.get(channel.schema_id))
             if builder is not None:
-                done[topic] = builder.table()
+                done[channel.topic] = builder.table()
                 self.problems += builder.problems()
         return done
 
