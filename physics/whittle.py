@@ -9,6 +9,7 @@ damping.
 
 from __future__ import annotations
 
+import cmath
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,15 +53,23 @@ class WhittleFit:
 
 def sampled_spectrum(omega: FloatArray, mu: float, stiffness: float, sigma: float, T: float) -> FloatArray:
     """Spectrum (k,) of theta sampled every T seconds at omega (k,) rad/sample; its mean over frequency is sigma^2."""
-    split = np.sqrt(complex(mu * mu - stiffness))
+    split = cmath.sqrt(mu * mu - stiffness)
     if abs(split) < 1e-5 * mu:  # critical damping: a split this small changes the spectrum by less than 1e-9
         split = complex(1e-5 * mu)
-    roots = np.array([-mu + split, -mu - split])
-    weights = sigma**2 * np.array([-roots[1], roots[0]]) / (roots[0] - roots[1])
-    poles = np.exp(roots * T)
-    cosine = np.cos(omega)[:, None]
-    terms = weights * -np.expm1(2 * roots * T) / (1.0 - 2.0 * poles * cosine + poles**2)
-    return terms.sum(axis=1).real
+    s1, s2 = -mu + split, -mu - split
+    # With x = 1 - cos w the denominators are (1 - p)^2 + 2 p x; on one denominator the sum is real.
+    a1, a2 = _expm1(s1 * T) ** 2, _expm1(s2 * T) ** 2
+    b1, b2 = 2.0 * cmath.exp(s1 * T), 2.0 * cmath.exp(s2 * T)
+    c1, c2 = s2 * _expm1(2.0 * s1 * T), -s1 * _expm1(2.0 * s2 * T)
+    scale = sigma**2 / (s1 - s2)
+    x = 2.0 * np.sin(0.5 * omega) ** 2
+    above = (scale * (c1 * a2 + c2 * a1)).real + (scale * (c1 * b2 + c2 * b1)).real * x
+    return np.asarray(above / ((a1 * a2).real + x * ((a1 * b2 + a2 * b1).real + (b1 * b2).real * x)))
+
+
+def _expm1(z: complex) -> complex:
+    """exp(z) - 1 without loss for small z."""
+    return cmath.exp(z) - 1.0 if z.real < -1.0 else 2.0 * cmath.exp(0.5 * z) * cmath.sinh(0.5 * z)
 
 
 def increment_spectrum(
