@@ -20,8 +20,9 @@ from tests.schemas.random_messages import Sample, samples
 from tests.schemas.sample_logs import EPOCH, imu, score, small_log
 
 CONFORMANCE = sorted((Path(__file__).parents[2].parent / "shared" / "mcap-conformance").glob("*/*.mcap"))
-ODD = "builtin_interfaces/Time stamp\nbool flag\nbool[3] flags\nint16 x\nfloat32[3] y\nuint8[5] z\nstring name\nint64 w\n"
-ODD += f"{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+FIELDS = ["builtin_interfaces/Time stamp", "bool flag", "bool[3] flags", "int16 x", "float32[3] y", "uint8[5] z"]
+TIME = ["=" * 80, "MSG: builtin_interfaces/Time", "int32 sec", "uint32 nanosec", ""]
+ODD = "\n".join([*FIELDS, "string name", "int64 w", *TIME])
 Message = tuple[str, int, bytes]  # topic, log time, payload
 
 
