@@ -1,7 +1,8 @@
 """How much memory a log takes, and how much a worker has: a log too large is refused in a line, not killed midway.
 
-Peak of a run, measured on simulated logs with every channel: 1.3 GB for 2 h at 100 Hz (2.9 million messages), 3.6 GB
-for 8 h. Between them it grows by 270 bytes a message; a margin is added here.
+Peaks measured on simulated logs of a ship with PHINS and truth, all channels at 100 Hz, a recording and a page written
+too: 0.7 GB for 30 min (1.1 million messages), 1.3 GB for 2 h (4.3 million), 3.6 GB for 8 h. With a diagnosis 1.9 GB for
+30 min and 3.3 GB for 1 h. The straight lines through them, with a margin, are what a log is taken to need.
 """
 
 from __future__ import annotations
@@ -12,26 +13,29 @@ from pathlib import Path
 from schemas.errors import DataError
 from schemas.wire import scan_log
 
-BASE = 600e6  # bytes that a run takes whatever the log
-PER_MESSAGE = 320.0  # bytes
+BASE = 500e6  # bytes that a run takes whatever the log
+PER_MESSAGE = 240.0  # bytes
+PER_MESSAGE_DIAGNOSED = 1500.0  # bytes
 SMALLEST_MESSAGE = 8  # bytes in the file: a log that claims more messages than would fit in it is not believed
 GB = 1e9
 
 
-def needed(path: Path) -> float:
-    """Bytes that a run on a log takes at its peak; the least for a file that is no log."""
+def needed(path: Path, diagnosed: bool = False) -> float:
+    """Bytes that a run on a log, and its diagnosis, take at their peak; the least for a file that is no log."""
     try:
         messages = sum(channel.count or 0 for channel in scan_log(path).channels)
     except DataError:
         return BASE
-    return BASE + PER_MESSAGE * min(messages, path.stat().st_size // SMALLEST_MESSAGE)
+    return BASE + (PER_MESSAGE_DIAGNOSED if diagnosed else PER_MESSAGE) * min(
+        messages, path.stat().st_size // SMALLEST_MESSAGE
+    )
 
 
-def check_memory(path: Path, limit: float | None) -> None:
+def check_memory(path: Path, limit: float | None, diagnosed: bool = False) -> None:
     """Raise DataError where a log would take more than a worker has."""
     if limit is None:
         return
-    want = needed(path)
+    want = needed(path, diagnosed)
     if want > limit:
         raise DataError(
             f"needs about {want / GB:.1f} GB, a worker has {limit / GB:.1f} GB: "

@@ -127,7 +127,7 @@ def _processed(job: Job, cpu: float) -> Outcome:
         state = state_of(store, task.key)
         if state == DONE or (state == ASIDE and not job.retry):
             return _known(task, state)
-        memory.check_memory(path, job.memory or _worker_memory())
+        memory.check_memory(path, job.memory or _worker_memory(), config.twin is not None)
         return _worked(task, before)
 
 

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-SLOW = {"numba", "rerun", "polars", "pyarrow", "matplotlib", "filterpy", "pywt"}
+SLOW = {"numba", "rerun", "polars", "pyarrow", "matplotlib", "filterpy", "pywt", "distributed", "dask", "fsspec"}
 LISTED = (
     "import sys; from pipeline.cli import main\ntry: main(sys.argv[1:])\nfinally: print(*sys.modules, file=sys.stderr)"
 )
@@ -17,7 +17,9 @@ def modules_after(*arguments: object) -> set[str]:
     return {name.split(".")[0] for name in told.split()}
 
 
-@pytest.mark.parametrize("command", ["run", "compare", "info", "simulate", "list", "view", "version"])
+@pytest.mark.parametrize(
+    "command", ["run", "compare", "info", "simulate", "list", "view", "version", "batch", "catalogue"]
+)
 def test_help_loads_nothing_slow(command):
     assert not modules_after(command, "--help") & (SLOW | {"numpy", "scipy"})
 
