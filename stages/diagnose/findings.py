@@ -10,8 +10,9 @@ import numpy as np
 from schemas.diagnosis import Finding, ParameterEstimate, Parameters, Place
 from stages.diagnose import instability, pictures
 from stages.diagnose.instability import Wander
+from stages.diagnose.pick import Pick
 from stages.diagnose.regressors import view_of
-from stages.diagnose.selection import Pick, Selection, nats_of
+from stages.diagnose.selection import Selection, nats_of
 from twin import effects
 from twin.effects import Effect
 from twin.effects._prediction import Signals

@@ -8,7 +8,8 @@ import numpy as np
 
 from schemas.diagnosis import Verdict
 from stages.diagnose.evidence import solve
-from stages.diagnose.selection import Pick, Selection
+from stages.diagnose.pick import Pick
+from stages.diagnose.selection import Selection
 
 LEFT_NATS = 25.0  # of a family or a spectrum without a name, below which nothing is said to be left
 ENOUGH = 0.97  # share of the evidence that the named must have where something is left

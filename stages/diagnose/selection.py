@@ -9,20 +9,20 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
-from typing import Any
 
 import numpy as np
 
 from schemas.products import Alignment
 from schemas.rig import FloatArray
 from schemas.trial import Trial
-from stages.diagnose import instability, whitening
+from stages.diagnose import instability
 from stages.diagnose.baseline import Baseline, baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
 from stages.diagnose.evidence import Gram, gain, held_out, null_evidence, shifted, solve
 from stages.diagnose.instability import Wander
 from stages.diagnose.latency import main_match
 from stages.diagnose.nuisances import TOLERANCES
+from stages.diagnose.pick import Pick, at_period, with_period
 from stages.diagnose.regressors import Group, Regressors, regressors, view_of
 from stages.diagnose.view import believed
 from stages.diagnose.whitening import Levels
@@ -40,27 +40,7 @@ NULL_DRAWS = 100
 PARAMETRIC_SHARE = 0.8  # of a wandering bias's evidence: an effect that reaches it explains it with fewer numbers
 FLOOR_S = 1800.0  # of record for which the floor holds; longer ones need more
 KEPT_SHARE = 0.8  # of the threshold, below which a pick is dropped again beside the others
-PERIOD_ROUNDS = 4
 EVENT_PENALTY = 3.0  # nats more for an event, on top of ln(steps) and half ln(steps) a parameter: its time was searched
-
-
-@dataclass(frozen=True)
-class Pick:
-    """A named effect: its group's columns, values and covariance in the units of the declaration, taken-out part in.
-
-    taken: (k,) of the values, what was taken out of the log; nothing of an effect that stays.
-    """
-
-    group: Group
-    value: FloatArray
-    covariance: FloatArray
-    taken: FloatArray
-    shape_std: float = 0.0
-
-    @property
-    def effect(self) -> Effect:
-        """The effect with these parameters."""
-        return built(self.group, self.value)
 
 
 @dataclass(frozen=True)
@@ -261,14 +241,9 @@ def _refined(found: Regressors, gram: Gram, picks: Sequence[Pick], taken: FloatA
             old = pick.group.shape["period"]
             period = old + float(np.clip(fit.value[first], -0.3 * old, 0.3 * old))
             std = float(np.sqrt(fit.covariance[first, first]))
-            out[k] = replace(out[k], group=_at_period(pick.group, period), shape_std=std)
+            out[k] = replace(out[k], group=at_period(pick.group, period), shape_std=std)
             first += 1
     return tuple(out)
-
-
-def _at_period(group: Group, period: float) -> Group:
-    names = tuple(f"{group.effect}|{parameter}|period={period:.6g}" for parameter in group.parameters)
-    return replace(group, names=names, shape={**group.shape, "period": period})
 
 
 def _scored(found: Regressors, gram: Gram, picks: Sequence[Pick]) -> dict[str, tuple[float, Group]]:
@@ -335,38 +310,10 @@ def _picked(base: Baseline, found: Regressors, gram: Gram, picks: Sequence[Pick]
         impulses = [i for i, name in enumerate(found.nuisances) if name.startswith("impulse")]
         fit = solve(found.gram.total, found.gram.precision, [*kept, *impulses, *found.gram.index(group.names)])
     elif "period" in group.shape:
-        return _with_period(base, found, gram, kept, group)
+        return with_period(base, found, gram, kept, group)
     else:
         fit = solve(gram.total, gram.precision, [*kept, *gram.index(group.names)])
     return Pick(group, fit.value[-k:], fit.covariance[-k:, -k:], np.zeros(k))
-
-
-def _with_period(base: Baseline, found: Regressors, gram: Gram, kept: Sequence[int], group: Group) -> Pick:
-    """A sine with the period that fits best, from the one of its group on."""
-    view, cls = view_of(base), effects.get(group.effect)
-    own = found.columns[:, : base.whitened.values.shape[1]]
-    frozen = base.whitened.values - own[:, :, kept] @ solve(gram.total, gram.precision, kept).value
-
-    def tried(period: float) -> tuple[float, FloatArray, FloatArray]:
-        raw = np.stack([base.response(column.signals) for column in cls.predict(view, **{"period": period})], axis=2)
-        X = np.concatenate([own[:, :, kept], whitening.whiten_columns(base.whitened, raw)], axis=2)
-        ok = np.isfinite(frozen)
-        Z = np.column_stack([X[ok], base.whitened.values[ok]])
-        precision = np.concatenate([gram.precision[kept], np.zeros(raw.shape[2])])
-        fit = solve(Z.T @ Z, precision, range(X.shape[2]))
-        k = raw.shape[2]
-        return fit.gain, fit.value[-k:], fit.covariance[-k:, -k:]
-
-    log_period = np.log(group.shape["period"])
-    width = 0.5 * np.exp(log_period) / (view.t[-1] - view.t[0])
-    for _ in range(PERIOD_ROUNDS):
-        offsets = np.linspace(-width, width, 5)
-        gains = [tried(float(np.exp(log_period + offset)))[0] for offset in offsets]
-        log_period += offsets[int(np.argmax(gains))]
-        width *= 0.4
-    period = float(np.exp(log_period))
-    _, value, covariance = tried(period)
-    return Pick(_at_period(group, period), value, covariance, np.zeros(len(value)))
 
 
 def _finished(
@@ -395,21 +342,3 @@ def _finished(
         wandering = _wander(base, found, picks)
         evidence[instability.NAME] = wandering.evidence
     return Selection(picks, base, found, restored, evidence, alone, thresholds, clean, wandering)
-
-
-def built(group: Group, value: FloatArray) -> Effect:
-    """An effect from the values of a group's columns, held to what makes sense."""
-    parameters: dict[str, Any] = dict(group.shape)
-    for name, number in zip(group.parameters, value):
-        owner, _, axis = name.partition(".")
-        if axis:
-            parameters.setdefault(owner, {})[axis] = float(number)
-        else:
-            parameters[owner] = float(number)
-    for item in effects.get(group.effect).parameters():  # a trial value may lie beyond what makes sense
-        stated = parameters.get(item.name)
-        if isinstance(stated, dict):
-            parameters[item.name] = {axis: float(np.clip(v, item.least, item.most)) for axis, v in stated.items()}
-        elif stated is not None:
-            parameters[item.name] = float(np.clip(stated, item.least, item.most))
-    return effects.build(group.effect, parameters)

@@ -153,7 +153,7 @@ def build(
 def _relevelled(made: Core, obs: Observations, noise: m.Noise) -> SparseModel:
     """A core at other levels of velocity, jitter and accel."""
     model, Q, P0, variance = made.model, made.model.noise.copy(), made.model.P0.copy(), made.model.variance.copy()
-    variance[:, 3:6] = noise.velocity**2
+    variance[:, 3:6] += noise.velocity**2 - made.noise.velocity**2
     on_diagonal = model.noise_row == model.noise_col
     for axis in range(3):
         now, before = JITTER + axis, JITTER_BEFORE + axis

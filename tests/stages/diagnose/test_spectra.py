@@ -5,16 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physics import whittle
+from physics import flexure, whittle
+from physics.recursion import stiffening_excess
 from physics.units import ARCMIN
 from schemas.diagnosis import ParameterEstimate
 from stages.align import align
 from stages.decode import decode
-from stages.diagnose import spectra
+from stages.diagnose import spectra, spectral_residual
 from stages.diagnose.spectral_data import SHARE
 from stages.diagnose.spectral_data import spectra as spectra_of
 from stages.diagnose.spectral_fit import fit_model
 from stages.diagnose.spectral_model import Model
+from stages.diagnose.spectral_residual import FullRateResidual
 from tests.stages.diagnose.full_rate import drawn, residual_of
 from twin import effects, load_twin
 from twin.config import EffectSpec
@@ -71,6 +73,26 @@ def test_what_is_proportional_to_the_ships_rate_does_not_reach_the_residual():
     moving = slice(2000, n - 2000)
     difference = np.std(wrong.rate[:n][moving] - plain.rate[:n][moving], axis=0)
     assert np.all(difference < 0.02 * np.std(plain.rate[:n][moving], axis=0))
+
+
+def test_a_deck_that_stiffens_is_turned_into_the_one_that_does_not():
+    """Against Heun's integration of the stiffened answer to the same forcing."""
+    belief = load_twin("random-sea")
+    t, gain = 0.01 * np.arange(30_000), 0.02 / ARCMIN**2
+    plain, stiff = np.empty((len(t), 3)), np.empty((len(t), 3))
+    for axis, (mu, frequency) in enumerate(zip(belief.flexure.damping, belief.flexure.frequency)):
+        b2 = mu**2 + frequency**2
+        plain[:, axis] = flexure.sample(mu, b2, 5.0 * ARCMIN, np.diff(t), np.random.default_rng(axis))[0]
+        stiff[:, axis] = plain[:, axis] + stiffening_excess(t, plain[:, axis].copy(), mu, b2, gain, 0.0)
+    rate = np.gradient(stiff, 0.01, axis=0)
+    nothing = np.zeros_like(rate)
+    residual = FullRateResidual(t, 0.01, rate, np.ones(len(t), bool), nothing, stiff, np.eye(3), 0.0, 0.0)
+    straightened = spectral_residual.linear(residual, gain, belief)
+    before = np.std(stiff - plain, axis=0)
+    after = np.std(straightened.theta - plain, axis=0)
+    assert (before > 0.3 * np.std(plain, axis=0)).all()
+    assert (after < 0.02 * before).all()
+    np.testing.assert_allclose(straightened.rate, np.gradient(plain, 0.01, axis=0), atol=2e-2 * rate.std())
 
 
 def test_a_null_names_nothing():

@@ -88,6 +88,20 @@ def test_the_likelihood_is_that_of_the_joint_distribution(case: Case, with_phins
     )
 
 
+def test_a_core_serves_other_levels_as_a_model_built_for_them(case: Case) -> None:
+    made = whitening.core(case.obs, case.levels.noise, case.at.coupling)
+    noise = replace(
+        case.levels.noise, jitter=np.array([3e-5, 1e-6, 2e-4]), velocity=np.array([2e-4, 1e-5, 7e-4]), accel=3e-4
+    )
+    levels = Levels(noise, AccelColour(np.array([2e-3, 1e-3, 4e-4]), 5.0), case.levels.phins)
+    afresh = whitening.build(case.obs, levels, case.at.coupling, case.match)
+    served = whitening.build(case.obs, levels, case.at.coupling, case.match, made)
+    before = whitening.build(case.obs, case.levels, case.at.coupling, case.match, made)
+    for one, other in zip(dense(afresh).__dict__.values(), dense(served).__dict__.values()):
+        np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-300)
+    assert not np.allclose(dense(before).Q, dense(afresh).Q, rtol=1e-3, atol=0.0)
+
+
 def test_a_reduced_model_is_the_full_one_with_the_other_states_at_zero(case: Case) -> None:
     noise = replace(case.levels.noise, gyro_walk=1e-9)
     x0 = np.zeros(full_model.SIZE)
