@@ -64,6 +64,6 @@ def section(result: Result) -> str:
     """What the part measures, in the words of its module, and what it said."""
     text = ast.get_docstring(ast.parse((FOLDER / f"{result.part}.py").read_text("utf-8"))) or ""
     title, _, rest = text.partition("\n")
-    about = "\n\n".join(block for block in rest.strip().split("\n\n") if not block.startswith("    "))
+    about = "\n\n".join(block for block in rest.strip("\n").split("\n\n") if not block.startswith("    "))
     said = "\n".join(result.lines).strip("\n")
     return f"## {title.partition(':')[0].rstrip('.')}\n\n{about}\n\n```text\n{said}\n```\n\nOn {result.machine}.\n"
