@@ -97,7 +97,8 @@ def _velocity_rows(E: _Pattern, obs: Observations) -> None:
 
 def _main_bias_rows(E: _Pattern, obs: Observations, coupling: FloatArray) -> None:
     """Errors of the main gyro where they turn what flexure shows and what the lever arm does."""
-    shown = skew(np.nan_to_num(obs.z))
+    z = np.nan_to_num(obs.z)
+    shown = skew(0.5 * (z + np.concatenate([z[:1], z[:-1]])))
     E.block(D, G, obs.A_integral @ shown)
     E.block(STEP_D, G, obs.A_integral @ shown)
     E.block(ZETA, G, np.swapaxes(obs.A_end, 1, 2) @ obs.A_integral @ shown)
