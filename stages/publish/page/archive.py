@@ -13,6 +13,7 @@ from stages.publish.page.html import Html, bullets, join, section, table
 from stages.publish.page.sheet import Sheet, render, verdict_box
 
 MOST_ROWS = 500  # of a table on the page: a catalogue has them all
+MOST_POINTS = 1500  # of a figure: beyond that, every second, third, ... log is drawn, and it is said
 
 __all__ = ["ArchiveReport", "Listing", "Trend", "archive_page", "trend_plots"]
 
@@ -40,13 +41,19 @@ def trend_plots(trends: Iterable[Trend]) -> list[Html]:
 
 
 def _trend_plot(trend: Trend, x: Axis) -> Plot:
-    std = np.zeros_like(trend.values) if trend.std is None else np.nan_to_num(trend.std)
-    t = trend.stamp.astype(float)
-    parts = [
-        Points(t, trend.values[:, i], std[:, i], PALETTE[i % len(PALETTE)], name) for i, name in enumerate(trend.names)
-    ]
-    y = Axis(*span_of([trend.values - std, trend.values + std], zero=False), trend.label)
-    return Plot(trend.title, x, y, [*_fit_parts(trend.fit), *parts], height=190.0)
+    some, said = _thinned(len(trend.stamp))
+    values = trend.values[some]
+    std = np.zeros_like(values) if trend.std is None else np.nan_to_num(trend.std[some])
+    t = trend.stamp[some].astype(float)
+    parts = [Points(t, values[:, i], std[:, i], PALETTE[i % len(PALETTE)], name) for i, name in enumerate(trend.names)]
+    y = Axis(*span_of([values - std, values + std], zero=False), trend.label)
+    return Plot(trend.title + said, x, y, [*_fit_parts(trend.fit), *parts], height=190.0)
+
+
+def _thinned(count: int) -> tuple[slice, str]:
+    """Which of so many logs are drawn, and what is said of it."""
+    every = -(-count // MOST_POINTS)
+    return slice(None, None, max(every, 1)), f" (one log in {every} is drawn)" if every > 1 else ""
 
 
 def _fit_parts(fit: Fit | None) -> list[Line | Band | Points]:
@@ -58,10 +65,12 @@ def _fit_parts(fit: Fit | None) -> list[Line | Band | Points]:
 
 
 def _relation_plot(relation: Relation) -> Plot:
-    x = Axis(*span_of([relation.x], zero=False), relation.x_label)
-    y = Axis(*span_of([relation.y - relation.std, relation.y + relation.std], zero=False), relation.y_label)
-    dots = Points(relation.x, relation.y, relation.std, BLUE, "a log")
-    return Plot(relation.title, x, y, [*_fit_parts(relation.fit), dots], height=190.0)
+    some, said = _thinned(len(relation.x))
+    at, value, std = relation.x[some], relation.y[some], relation.std[some]
+    x = Axis(*span_of([at], zero=False), relation.x_label)
+    y = Axis(*span_of([value - std, value + std], zero=False), relation.y_label)
+    dots = Points(at, value, std, BLUE, "a log")
+    return Plot(relation.title + said, x, y, [*_fit_parts(relation.fit), dots], height=190.0)
 
 
 def _listed(listing: Listing) -> Html:

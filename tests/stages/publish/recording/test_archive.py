@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -90,3 +91,13 @@ def test_the_page_draws_line_band_and_points():
     assert "Against the sea" in page.texts["h2"]
     assert loads_from_elsewhere(page) == []
     assert not page.unbalanced
+
+
+def test_the_page_of_a_huge_archive_stays_small():
+    n = 100_000
+    stamp = STAMP[0] + np.arange(n) * 3_600_000_000_000
+    trend = replace(static_trend(), stamp=stamp, values=np.ones((n, 1)), std=np.ones((n, 1)), fit=None)
+    html = archive_page(replace(archive_report(), trends=(trend,), relations=()))
+    assert read(html).count("circle") <= 1500
+    assert "(one log in 67 is drawn)" in html
+    assert len(html) < 1_000_000
