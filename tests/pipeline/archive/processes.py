@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 COMMAND = [sys.executable, "-c", "from pipeline.cli import main; main()"]
-PATIENCE = 90.0  # s
+PATIENCE = 180.0  # s, on a machine that has other things to do
 
 
 def started(*words: object, folder: Path) -> subprocess.Popen[bytes]:

@@ -3,7 +3,7 @@
 import json
 import os
 
-from tests.pipeline.archive.processes import check_whole, entries, kill_all, started, until
+from tests.pipeline.archive.processes import PATIENCE, check_whole, entries, kill_all, started, until
 from tests.pipeline.archive.voyages import CHEAP, digest
 
 
@@ -54,7 +54,7 @@ def test_a_cluster_loses_a_worker_and_then_its_scheduler(few, cluster, tmp_path,
     first = started("batch", few, "-o", out, *CHEAP, "--scheduler", cluster.address, folder=tmp_path)
     until(lambda: entries(out), "first result")
     cluster.workers[0].kill()
-    assert first.wait() == 0, (tmp_path / "err.txt").read_text()
+    assert first.wait(PATIENCE) == 0, (tmp_path / "err.txt").read_text()
     assert len(entries(out)) == 6
     check_whole(out)
     said = (tmp_path / "out.txt").read_text()
@@ -63,7 +63,7 @@ def test_a_cluster_loses_a_worker_and_then_its_scheduler(few, cluster, tmp_path,
     second = started("batch", few, "-o", out, "--estimator", "td-ma", "--scheduler", cluster.address, folder=tmp_path)
     until(lambda: len(entries(out)) > 6, "first result of other options")
     cluster.scheduler.kill()
-    assert second.wait() == 1
+    assert second.wait(PATIENCE) == 1
     said = (tmp_path / "err.txt").read_text()
     assert "the connection to the scheduler was lost" in said
     assert "Traceback" not in said
