@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import atexit
 import logging
+import math
 import multiprocessing
 import os
 import signal
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -19,6 +21,7 @@ from schemas.errors import DataError
 PATIENCE_S = 10.0  # for a scheduler to answer, and for its first worker
 CLOSING_S = 5.0
 AHEAD = 2  # jobs a thread of a foreign cluster has waiting; our own workers get the next when they are done
+ASK_AGAIN_S = 10.0  # after which workers may have come or gone
 DEATHS = 1  # workers that may die of a log and it is tried once more
 SETTINGS = {
     "distributed.scheduler.allowed-failures": DEATHS,
@@ -59,16 +62,22 @@ class Wish:
 
 @dataclass
 class Crew:
-    """A connection to workers. threads: how many there are. ahead: jobs to have under way for each."""
+    """A connection to workers. ahead: jobs to have under way for each thread of them."""
 
     client: Any
     ahead: int = 1
+    counted: int = 0
+    asked: float = -math.inf
 
     @property
     def threads(self) -> int:
-        """Threads of all workers there are now; they may come and go."""
-        workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
-        return sum(int(worker["nthreads"]) for worker in workers)
+        """Threads of all workers; they may come and go, so it is asked now and then."""
+        if time.monotonic() - self.asked > ASK_AGAIN_S:
+            try:
+                self.counted, self.asked = sum(self.client.nthreads().values()), time.monotonic()
+            except OSError as error:
+                raise DataError(LOST) from error
+        return self.counted
 
     def outcomes(self, jobs: Iterable[Job]) -> Iterator[Outcome]:
         """Each job's outcome as it ends; once the results cannot be written no further job begins.
@@ -78,7 +87,6 @@ class Crew:
         from distributed import as_completed
 
         waiting, running, ended = iter(jobs), {}, as_completed([], loop=self.client.loop)
-        room = max(1, self.ahead * self.threads)
 
         def begin(count: int) -> None:
             for _, job in zip(range(count), waiting):
@@ -86,14 +94,14 @@ class Crew:
                 running[future] = job
                 ended.add(future)
 
-        begin(room)
+        begin(max(1, self.ahead * self.threads))
         for future in ended:
             outcome = _outcome(future, running.pop(future))
             future.release()
             yield outcome
             if outcome.state is State.STORE:
                 waiting = iter(())
-            begin(max(1, self.ahead * self.threads) - len(running) if len(running) < room else 0)
+            begin(max(0, max(1, self.ahead * self.threads) - len(running)))
 
 
 def _outcome(future: Any, job: Job) -> Outcome:
