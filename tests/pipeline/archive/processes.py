@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import subprocess
 import sys
 import time
@@ -27,12 +25,6 @@ def until(true: Callable[[], object], what: str) -> None:
     while not true():
         assert time.monotonic() < end, f"no {what}"
         time.sleep(0.02)
-
-
-def kill_all(process: subprocess.Popen[bytes]) -> None:
-    """SIGKILL to the process and all its children at once, as a power cut would."""
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
 
 
 def entries(out: Path, state: str = "done") -> list[Path]:

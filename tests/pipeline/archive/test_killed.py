@@ -3,7 +3,7 @@
 import json
 import os
 
-from tests.pipeline.archive.processes import PATIENCE, check_whole, entries, kill_all, started, until
+from tests.pipeline.archive.processes import PATIENCE, check_whole, entries, started, until
 from tests.pipeline.archive.voyages import CHEAP, digest
 
 
@@ -36,19 +36,6 @@ def test_a_killed_batch_loses_nothing_that_was_finished(few, tmp_path, deckflex)
     assert not [name for name in after if name.startswith(".partial")]
 
 
-def test_a_power_cut_leaves_no_half_file(few, tmp_path, deckflex):
-    out = tmp_path / "out"
-    process = started("batch", few, "-o", out, *CHEAP, "--workers", "1", folder=tmp_path)
-    until(lambda: any((out / ".partial").glob("*/*.mcap")), "file under way")
-    kill_all(process)
-    check_whole(out)
-    named = {name for entry in entries(out) for name in json.loads(entry.read_bytes())["files"].values()}
-    visible = {str(path.relative_to(out)) for path in (out / "results").rglob("*.mcap")}
-    assert len(visible - named) <= 1  # whole, but not yet entered
-    plan = json.loads(deckflex("batch", few, "-o", out, *CHEAP, "--dry-run", "--json").out)
-    assert len(plan["to_do"]) in (6 - len(entries(out)), 7 - len(entries(out)))
-
-
 def test_a_cluster_loses_a_worker_and_then_its_scheduler(few, cluster, tmp_path, deckflex):
     out = tmp_path / "out"
     first = started("batch", few, "-o", out, *CHEAP, "--scheduler", cluster.address, folder=tmp_path)
@@ -60,7 +47,9 @@ def test_a_cluster_loses_a_worker_and_then_its_scheduler(few, cluster, tmp_path,
     said = (tmp_path / "out.txt").read_text()
     assert "6 logs: 6 done" in said or "6 logs: 5 done, 1 done before" in said  # it may have died just after its result
 
-    second = started("batch", few, "-o", out, "--estimator", "td-ma", "--scheduler", cluster.address, folder=tmp_path)
+    second = started(
+        "batch", few, "-o", out, *CHEAP, "--keep", "nothing", "--scheduler", cluster.address, folder=tmp_path
+    )
     until(lambda: len(entries(out)) > 6, "first result of other options")
     cluster.scheduler.kill()
     assert second.wait(PATIENCE) == 1
@@ -68,8 +57,10 @@ def test_a_cluster_loses_a_worker_and_then_its_scheduler(few, cluster, tmp_path,
     assert "the connection to the scheduler was lost" in said
     assert "Traceback" not in said
     check_whole(out)
-    plan = json.loads(deckflex("batch", few, "-o", out, "--estimator", "td-ma", "--dry-run", "--json").out)
+    plan = json.loads(deckflex("batch", few, "-o", out, *CHEAP, "--keep", "nothing", "--dry-run", "--json").out)
     assert len(plan["to_do"]) <= 12 - len(entries(out)) + 1
-    nobody = deckflex("batch", few, "-o", out, "--estimator", "td-ma", "--scheduler", "tcp://127.0.0.1:9", "--json")
+    nobody = deckflex(
+        "batch", few, "-o", out, *CHEAP, "--keep", "nothing", "--scheduler", "tcp://127.0.0.1:9", "--json"
+    )
     assert nobody.status == 1
     assert "no scheduler answers at tcp://127.0.0.1:9" in nobody.err

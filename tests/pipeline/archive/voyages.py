@@ -73,12 +73,13 @@ def _later(table: Table, by: int) -> Table:
 
 
 def make_voyages(folder: Path, months: int = MONTHS, a_month: int = A_MONTH) -> None:
-    """Logs in a folder for each month."""
+    """Logs in a folder for each month; the first of each has PHINS too."""
     for month in range(months):
         (folder / f"month-{month:02d}").mkdir(parents=True)
         for k in range(a_month):
             tables = dated(simulated(month, 10 * month + k), month * MONTH_NS + k * DAY_NS)
-            write_log(folder / f"month-{month:02d}" / f"voyage {month:02d}-{k}.mcap", list(tables.values()))
+            kept = [table for topic, table in tables.items() if k == 0 or not topic.startswith("/phins")]
+            write_log(folder / f"month-{month:02d}" / f"voyage {month:02d}-{k}.mcap", kept)
 
 
 def damage(folder: Path) -> dict[str, Fault]:
