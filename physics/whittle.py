@@ -13,6 +13,7 @@ import cmath
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.signal.windows import tukey
@@ -53,23 +54,32 @@ class WhittleFit:
 
 def sampled_spectrum(omega: FloatArray, mu: float, stiffness: float, sigma: float, T: float) -> FloatArray:
     """Spectrum (k,) of theta sampled every T seconds at omega (k,) rad/sample; its mean over frequency is sigma^2."""
-    split = cmath.sqrt(mu * mu - stiffness)
-    if abs(split) < 1e-5 * mu:  # critical damping: a split this small changes the spectrum by less than 1e-9
-        split = complex(1e-5 * mu)
-    s1, s2 = -mu + split, -mu - split
-    # With x = 1 - cos w the denominators are (1 - p)^2 + 2 p x; on one denominator the sum is real.
-    a1, a2 = _expm1(s1 * T) ** 2, _expm1(s2 * T) ** 2
-    b1, b2 = 2.0 * cmath.exp(s1 * T), 2.0 * cmath.exp(s2 * T)
-    c1, c2 = s2 * _expm1(2.0 * s1 * T), -s1 * _expm1(2.0 * s2 * T)
-    scale = sigma**2 / (s1 - s2)
+    n0, n1, d0, d1, d2 = _rational(float(mu), float(stiffness), float(sigma), float(T))
     x = 2.0 * np.sin(0.5 * omega) ** 2
-    above = (scale * (c1 * a2 + c2 * a1)).real + (scale * (c1 * b2 + c2 * b1)).real * x
-    return np.asarray(above / ((a1 * a2).real + x * ((a1 * b2 + a2 * b1).real + (b1 * b2).real * x)))
+    return np.asarray((n0 + n1 * x) / (d0 + x * (d1 + d2 * x)))
 
 
+@njit(cache=True, nogil=True)
 def _expm1(z: complex) -> complex:
     """exp(z) - 1 without loss for small z."""
     return cmath.exp(z) - 1.0 if z.real < -1.0 else 2.0 * cmath.exp(0.5 * z) * cmath.sinh(0.5 * z)
+
+
+@njit(cache=True, nogil=True)
+def _rational(mu: float, stiffness: float, sigma: float, T: float) -> tuple[float, float, float, float, float]:
+    """The spectrum as (n0 + n1 x) / (d0 + d1 x + d2 x^2) with x = 1 - cos w.
+
+    Its two denominators are (1 - p)^2 + 2 p x; on one denominator the sum is real.
+    """
+    split = cmath.sqrt(complex(mu * mu - stiffness, 0.0))
+    if abs(split) < 1e-5 * mu:  # critical damping: a split this small changes the spectrum by less than 1e-9
+        split = complex(1e-5 * mu, 0.0)
+    s1, s2 = -mu + split, -mu - split
+    a1, a2 = _expm1(s1 * T) ** 2, _expm1(s2 * T) ** 2
+    b1, b2 = 2.0 * cmath.exp(s1 * T), 2.0 * cmath.exp(s2 * T)
+    scale = sigma**2 / (s1 - s2)
+    c1, c2 = scale * s2 * _expm1(2.0 * s1 * T), -scale * s1 * _expm1(2.0 * s2 * T)
+    return (c1 * a2 + c2 * a1).real, (c1 * b2 + c2 * b1).real, (a1 * a2).real, (a1 * b2 + a2 * b1).real, (b1 * b2).real
 
 
 def increment_spectrum(
@@ -125,15 +135,13 @@ def fit(
     """
     count = data.count * (1.0 if weight is None else weight)
     total = float(np.sum(data.power * data.count) / np.sum(data.count))
+    x, power = 2.0 * np.sin(0.5 * data.omega) ** 2, np.asarray(data.power, float)
 
     def cost(p: FloatArray) -> float:
-        mu, stiffness, sigma, noise = np.exp(np.clip(p, -40, 20))
-        S = increment_spectrum(data.omega, mu, stiffness, sigma, noise, T)
-        S = np.maximum(S, 1e-12 * total)
         prior = ((p[3] - np.log(noise_prior)) / noise_spread) ** 2
         prior += ((0.5 * p[1] + np.log(PRIOR_CORRELATION_S)) / PRIOR_SPREAD) ** 2
         prior += ((p[0] - 0.5 * p[1]) / PRIOR_SPREAD) ** 2
-        return float(np.sum(count * (np.log(S) + data.power / S)) + 0.5 * prior)
+        return float(_misfit_nats(np.exp(np.clip(p, -40, 20)), x, power, count, T, 1e-12 * total) + 0.5 * prior)
 
     starts = _starts(data, total, T, noise_prior) if start is None else [np.log(np.array(start))]
     best = min((_minimise(cost, p0, start is None) for p0 in starts), key=lambda solution: solution.fun)
@@ -141,6 +149,21 @@ def fit(
     mu, stiffness, sigma, noise = np.exp(best.x)
     S = increment_spectrum(data.omega, mu, stiffness, sigma, noise, T)
     return WhittleFit(mu, stiffness, sigma, noise, covariance, _misfit(data, S, count), -float(best.fun))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _misfit_nats(
+    parameters: FloatArray, x: FloatArray, power: FloatArray, count: FloatArray, T: float, least: float
+) -> float:
+    """sum count (ln S + I/S) for mu, b^2, sigma and noise at x = 1 - cos w; S is at least ``least``."""
+    mu, stiffness, sigma, noise = parameters
+    n0, n1, d0, d1, d2 = _rational(mu, stiffness, sigma, T)
+    total = 0.0
+    for k in range(len(x)):
+        S = 2.0 * x[k] * (n0 + n1 * x[k]) / (d0 + x[k] * (d1 + d2 * x[k])) + noise**2 * T
+        S = max(S, least)
+        total += count[k] * (np.log(S) + power[k] / S)
+    return total
 
 
 def _starts(data: Periodogram, total: float, T: float, noise_prior: float) -> list[FloatArray]:
