@@ -17,11 +17,11 @@ def gone(group: int) -> bool:
 
 def test_a_killed_batch_loses_nothing_that_was_finished(few, tmp_path, deckflex):
     out = tmp_path / "out"
-    process = started("batch", few, "-o", out, *CHEAP, "--workers", "2", folder=tmp_path)
+    process = started("batch", few, "-o", out, *CHEAP, "--workers", "1", folder=tmp_path)
     until(lambda: entries(out), "first result")
-    process.kill()  # the workers must notice by themselves
+    process.kill()  # its worker must notice by itself
     process.wait()
-    until(lambda: gone(process.pid), "end of the workers")
+    until(lambda: gone(process.pid), "end of its worker")
     finished = entries(out)
     assert 1 <= len(finished) < 6
     check_whole(out)
