@@ -19,15 +19,13 @@ class ImuGrade:
     """Error budget of one inertial unit; ``None`` means: not stated, find it in the log.
 
     gyro_arw: angle random walk, rad/sqrt(s). gyro_bias_std: rad/s. accel_vrw: velocity random walk, (m/s)/sqrt(s).
-    accel_bias_std: m/s^2. gyro_scale_std: scale factors (1). gyro_skew_std: axes out of square, rad.
+    accel_bias_std: m/s^2.
     """
 
     gyro_arw: float | None = None
     gyro_bias_std: float | None = None
     accel_vrw: float | None = None
     accel_bias_std: float | None = None
-    gyro_scale_std: float | None = None
-    gyro_skew_std: float | None = None
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from physics.units import ARCMIN, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, PPM
+from physics.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
 from schemas.errors import DataError
 from schemas.rig import FloatArray, ImuGrade, Rig
 from stages.decode.axes import hull_from_log
@@ -123,18 +123,14 @@ class Noise(_Strict):
     gyro_bias_dph: float | None = Field(default=None, ge=0.0, le=1e5)
     accel_vrw_ug: float | None = Field(default=None, gt=0.0, le=1e6)
     accel_bias_ug: float | None = Field(default=None, ge=0.0, le=1e6)
-    gyro_scale_ppm: float | None = Field(default=None, ge=0.0, le=1e5)
-    gyro_skew_arcsec: float | None = Field(default=None, ge=0.0, le=1e5)
 
     def grade(self) -> ImuGrade:
-        """In SI: deg/sqrt(h), deg/h, ug/sqrt(Hz), ug, arcsec become rad/sqrt(s), rad/s, (m/s)/sqrt(s), m/s^2, rad."""
+        """In SI: deg/sqrt(h), deg/h, ug/sqrt(Hz) and ug become rad/sqrt(s), rad/s, (m/s)/sqrt(s) and m/s^2."""
         return ImuGrade(
             _scaled(self.gyro_arw, DEG_PER_SQRT_HOUR),
             _scaled(self.gyro_bias_dph, DEG_PER_HOUR),
             _scaled(self.accel_vrw_ug, MICRO_G),
             _scaled(self.accel_bias_ug, MICRO_G),
-            _scaled(self.gyro_scale_ppm, PPM),
-            _scaled(self.gyro_skew_arcsec, ARCMIN / 60.0),
         )
 
 

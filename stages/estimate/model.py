@@ -19,10 +19,6 @@ States (rad, m, s; m-axes unless said)::
                     which the lever arm lags flexure      frequency, and what is missing is displacement, not velocity
     M               errors of the gyro difference's scale constant, (3, 3) row-major
     M main          those of the main gyro alone          constant: they reach u through omega x r
-    S               scale factors of the accelerometers   constant: V' = A_m S f_m
-                    of the difference, per axis
-    G               gyro bias of the main unit            constant; kept where it matters, see below
-    lag             mean of V over the step less its end  restarted at each step
     step of d       change of d within the step           restarted at each step: zeta's change holds it,
                                                           theta's does not
 
@@ -32,105 +28,82 @@ dynamics are written in it. The second measurement is the mean relative velocity
 theta' nor any derivative: ``u - B dz/dt - omega x B z = A_m^T V + omega x r - f delay + ...``. Slow
 bending moves the lever arm as fast bending does, so Phi stays in z there; its constant part is absorbed by r. What
 flexure moves the lever arm by beyond that model is the noise of u.
-
-A bias common to both gyros cancels in the attitudes as far as the units' axes agree; flexure turns it,
-``d' = A_m z x G``. In u it does not: with rates that are wrong by G the integrals hold ``V' = -A_m G x (omega x r)``
-and u itself ``-G x r``. Fine gyros do without these states.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
+from physics import flexure
 from physics.kalman import Course, SparseModel, selected
 from physics.rotations import skew
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
-from stages.estimate.dynamics import process_entries, transition_entries
-from stages.estimate.states import (
-    DELAY,
-    DRIFT,
-    EPS,
-    GYRO_STATES,
-    JITTER,
-    JITTER_BEFORE,
-    KAPPA,
-    LAG,
-    M_MAIN,
-    NABLA,
-    PHI,
-    PHI_DOT,
-    SIZE,
-    STEP_D,
-    THETA_DOT,
-    ZETA,
-    B,
-    D,
-    G,
-    M,
-    Noise,
-    R,
-    S,
-    V,
-)  # fmt: skip
-from stages.paired import Observations
+from stages.paired import CARRIED_GAP_S, Observations
 
-__all__ = [
-    "DELAY",
-    "DRIFT",
-    "EPS",
-    "GYRO_STATES",
-    "JITTER",
-    "JITTER_BEFORE",
-    "KAPPA",
-    "LAG",
-    "M_MAIN",
-    "NABLA",
-    "PHI",
-    "PHI_DOT",
-    "SIZE",
-    "STEP_D",
-    "THETA_DOT",
-    "ZETA",
-    "B",
-    "D",
-    "G",
-    "M",
-    "Noise",
-    "R",
-    "S",
-    "V",
-    "build",
-    "pieces",
-    "prior_map",
-    "states",
-    "with_all_states",
-    "zeta_map",
-]  # fmt: skip
-
-ROW = 45  # entries of a row of H, at most
+ZETA, THETA_DOT, PHI, PHI_DOT = 0, 3, 6, 9
+D, EPS, DELAY, DRIFT = 12, 15, 18, 19
+V, NABLA, R, B, M, JITTER, JITTER_BEFORE, KAPPA, STEP_D, M_MAIN = 20, 23, 26, 29, 38, 47, 50, 53, 56, 59
+SIZE = 68
+ROW = 38  # entries of a row of H, at most
+GYRO_STATES = np.array([*range(V), *range(M, M + 9)])  # what the attitudes alone can see
 PIECE = 20_000  # steps whose model is held in memory at a time: a quarter of a gigabyte
 LEAD = 2  # steps: the first ones of a model do not know what was before them, and take no velocity
 PER_STEP = (
     "index", "dt", "jump_s", "gap_end", "z", "u", "A_start", "A_end", "A_mid", "omega", "rate_m", "force_i", "force_m",
     "centred",
 )  # fmt: skip
+GAP_ANGLE = 5e-3  # rad, one sigma of a gap of 1 s and more
+GAP_JERK = 0.02  # rad/s^3: what a straight line misses of a lively ship's rate in a short gap
 Z_NOISE = 1e-7  # rad (0.0004 arcmin): rounding, interpolation and linearisation of z
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Parameters of the model; see the module for the states.
+
+    damping, stiffness, std: (3,) flexure. gyro: (3,) rad/sqrt(s) and gyro_walk rad/s/sqrt(s). quasi_static: rad/s^1.5,
+    of Phi'. velocity: (3,) m/s, of u per step; jitter: (3,) m, of n. accel: (m/s)/sqrt(s), accel_walk m/s^2/sqrt(s).
+    The rest are prior sigmas (scale_prior (3, 3)).
+    use_velocity: False leaves the accelerometers out.
+    """
+
+    damping: FloatArray
+    stiffness: FloatArray
+    std: FloatArray
+    gyro: FloatArray
+    gyro_walk: float
+    quasi_static: float
+    velocity: FloatArray
+    jitter: FloatArray
+    accel: float
+    accel_walk: float
+    phi_prior: float
+    drift_prior: float
+    gyro_bias_prior: float
+    delay_prior: float
+    clock_prior: float
+    accel_bias_prior: float
+    lever_prior: float
+    coupling_prior: float
+    kappa_prior: float
+    scale_prior: FloatArray
+    use_velocity: bool = True
 
 
 def build(obs: Observations, noise: Noise, coupling: FloatArray, x0: FloatArray) -> SparseModel:
     """The sparse model for :mod:`physics.kalman`; coupling: (3, 3) B linearised about, x0: (SIZE,) prior mean."""
-    transition = transition_entries(obs, noise, coupling)
-    process = process_entries(obs, noise)
+    transition = _transition(obs, noise)
+    process = _process(obs, noise)
     columns, rows, z, variance = _measurements(obs, noise, coupling)
     rows_e, cols_e, E = transition
     rows_q, cols_q, Q = process
-    prior = _prior(obs, noise, coupling)
+    prior = _prior(obs, noise)
     return SparseModel(rows_e, cols_e, E, rows_q, cols_q, Q, columns, rows, z, variance, x0, prior)
 
 
@@ -144,7 +117,7 @@ def pieces(obs: Observations, noise: Noise, coupling: FloatArray, x0: FloatArray
 
 def states(noise: Noise) -> IntArray:
     """Numbers of the states in the models of :func:`pieces`."""
-    return noise.states
+    return np.arange(SIZE) if noise.use_velocity else GYRO_STATES
 
 
 def with_all_states(course: Course, kept: IntArray, noise: Noise) -> Course:
@@ -159,7 +132,7 @@ def _piece(obs: Observations, noise: Noise, coupling: FloatArray, x0: FloatArray
     lead = min(first, LEAD)
     part = replace(obs, **{name: getattr(obs, name)[first - lead : last] for name in PER_STEP})
     whole = build(part, noise, coupling, x0)
-    model = whole if len(noise.states) == SIZE else selected(whole, noise.states)
+    model = whole if noise.use_velocity else selected(whole, GYRO_STATES)
     if not lead:
         return model
     per_step = ("transition", "noise", "measurement", "z", "variance")
@@ -171,34 +144,17 @@ def _sigma(noise: Noise) -> FloatArray:
     ones = np.ones(3)
     rate = np.sqrt(noise.stiffness) * noise.std
     creep = noise.quasi_static * np.sqrt(1800.0) * ones
-    main = noise.scale_prior_main * np.ones((3, 3))
     return np.concatenate([
         noise.std, rate, noise.phi_prior * ones, creep, noise.drift_prior * ones, noise.gyro_bias_prior * ones,
         [noise.delay_prior, noise.clock_prior], 10.0 * ones, noise.accel_bias_prior * ones, noise.lever_prior * ones,
-        noise.coupling_prior * np.ones(9), np.hypot(noise.scale_prior, main).ravel(), noise.jitter, noise.jitter,
-        noise.kappa_prior * ones, 0.0 * ones, main.ravel(), 0.0 * ones,
-        noise.accel_scale_prior * ones, noise.main_bias_prior * ones,
+        noise.coupling_prior * np.ones(9), noise.scale_prior.ravel(), noise.jitter, noise.jitter,
+        noise.kappa_prior * ones, 0.0 * ones, noise.scale_prior.ravel(),
     ])  # fmt: skip
 
 
-def _prior(obs: Observations, noise: Noise, coupling: FloatArray) -> FloatArray:
-    T = prior_map(obs, coupling)
-    P = np.diag(_sigma(noise) ** 2)
-    if noise.use_velocity:
-        # M is what the sub-IMU does wrong less what the main one does.
-        entry = np.arange(9)
-        P[M + entry, M_MAIN + entry] = P[M_MAIN + entry, M + entry] = -P[M_MAIN + entry, M_MAIN + entry]
-    return np.asarray(T @ P @ T.T)
-
-
-def prior_map(obs: Observations, coupling: FloatArray) -> FloatArray:
-    """(SIZE, SIZE) from the state as one knows it beforehand: theta(t_0) in the first place, r where theta = 0.
-
-    The filter has r where zeta = 0, which is short of it by B Phi.
-    """
-    T = zeta_map(obs)
-    T[R : R + 3, PHI : PHI + 3] = -coupling
-    return T
+def _prior(obs: Observations, noise: Noise) -> FloatArray:
+    T = zeta_map(obs)  # from theta in the first place to zeta
+    return np.asarray(T @ np.diag(_sigma(noise) ** 2) @ T.T)
 
 
 def zeta_map(obs: Observations) -> FloatArray:
@@ -209,6 +165,138 @@ def zeta_map(obs: Observations) -> FloatArray:
     T[ZETA : ZETA + 3, DELAY] = -obs.rate_m[0]
     T[ZETA : ZETA + 3, DRIFT] = -obs.rate_m[0] * obs.centred[0]
     return T
+
+
+class _Pattern:
+    """Collects the entries of a sparse matrix that changes with time."""
+
+    def __init__(self, steps: int) -> None:
+        self.steps = steps
+        self.rows: list[int] = []
+        self.cols: list[int] = []
+        self.values: list[FloatArray] = []
+
+    def add(self, row: int, col: int, value: FloatArray | float) -> None:
+        self.rows.append(row)
+        self.cols.append(col)
+        self.values.append(np.broadcast_to(np.asarray(value, dtype=float), (self.steps,)))
+
+    def block(self, row: int, col: int, value: FloatArray) -> None:
+        """(N, 3, 3) values."""
+        for i in range(3):
+            for j in range(3):
+                self.add(row + i, col + j, value[:, i, j])
+
+    def arrays(self) -> tuple[IntArray, IntArray, FloatArray]:
+        return np.array(self.rows), np.array(self.cols), np.ascontiguousarray(np.stack(self.values, axis=1))
+
+
+def _flexure_steps(obs: Observations, noise: Noise, axis: int) -> tuple[FloatArray, FloatArray]:
+    dt, which = np.unique(np.round(obs.dt, 7), return_inverse=True)
+    parameters = noise.damping[axis], noise.stiffness[axis]
+    F = flexure.transition(*parameters, dt)
+    Q = flexure.noise_covariance(*parameters, noise.std[axis], dt)
+    return F[which], Q[which]
+
+
+def _transition(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, FloatArray]:
+    E = _Pattern(len(obs.dt))
+    _flexure_rows(E, obs, noise)
+    if noise.quasi_static > 0.0:
+        for axis in range(3):
+            E.add(PHI + axis, PHI_DOT + axis, obs.dt)
+    E.block(D, EPS, obs.A_integral)
+    _scale_rows(E, D, obs.A_integral, obs.omega)
+    if noise.use_velocity:
+        E.block(V, D, -skew(obs.force_i) * obs.dt[:, None, None])
+        E.block(V, NABLA, obs.A_integral)
+        E.block(STEP_D, EPS, obs.A_integral)
+        _scale_rows(E, STEP_D, obs.A_integral, obs.omega)
+        for axis in range(3):
+            E.add(STEP_D + axis, STEP_D + axis, -1.0)
+        for axis in range(3):
+            E.add(JITTER + axis, JITTER + axis, -1.0)
+            E.add(JITTER_BEFORE + axis, JITTER_BEFORE + axis, -1.0)
+            E.add(JITTER_BEFORE + axis, JITTER + axis, 1.0)
+    return E.arrays()
+
+
+def _flexure_rows(E: _Pattern, obs: Observations, noise: Noise) -> None:
+    """zeta and theta': theta = zeta - Phi - A_m^T d + omega_s delay stepped on, and put back."""
+    A_T = np.swapaxes(obs.A_end, 1, 2)
+    before = np.concatenate([A_T[:1], A_T[:-1]])
+    rate = obs.rate_m
+    rate_before = np.concatenate([rate[:1], rate[:-1]])
+    centred_before = np.concatenate([obs.centred[:1], obs.centred[:-1]])
+    on_eps = A_T @ obs.A_integral
+    for axis in range(3):
+        F, _ = _flexure_steps(obs, noise, axis)
+        for row, f, kept in ((ZETA, F[:, 0], 1.0), (THETA_DOT, F[:, 1], 0.0)):
+            E.add(row + axis, ZETA + axis, f[:, 0] - kept)
+            E.add(row + axis, THETA_DOT + axis, f[:, 1] - (1.0 - kept))
+            E.add(row + axis, PHI + axis, kept - f[:, 0])
+            for j in range(3):
+                E.add(row + axis, D + j, kept * A_T[:, axis, j] - f[:, 0] * before[:, axis, j])
+            now, then = rate[:, axis], rate_before[:, axis]
+            E.add(row + axis, DELAY, f[:, 0] * then - kept * now)
+            E.add(row + axis, DRIFT, f[:, 0] * then * centred_before - kept * now * obs.centred)
+        if noise.quasi_static > 0.0:
+            E.add(ZETA + axis, PHI_DOT + axis, obs.dt)
+    E.block(ZETA, EPS, on_eps)
+    _scale_rows(E, ZETA, on_eps, obs.omega)
+
+
+def _scale_rows(E: _Pattern, first: int, on_eps: FloatArray, omega: FloatArray) -> None:
+    """A gyro error M omega acts as a bias does."""
+    for row in range(3):
+        for i in range(3):
+            for j in range(3):
+                E.add(first + row, M + 3 * i + j, on_eps[:, row, i] * omega[:, j])
+
+
+def _process(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, FloatArray]:
+    Q = _Pattern(len(obs.dt))
+    extra = _gap_variance(obs.jump_s, noise)
+    A_T = np.swapaxes(obs.A_end, 1, 2)
+    drift = np.einsum("kij,j,klj->kil", obs.A_mid, noise.gyro**2, obs.A_mid) * obs.dt[:, None, None]
+    drift = drift + extra[:, None, None] * np.eye(3)
+    seen = A_T @ drift
+    shown = seen @ obs.A_end
+    for axis in range(3):
+        _, q = _flexure_steps(obs, noise, axis)
+        Q.add(ZETA + axis, ZETA + axis, q[:, 0, 0])
+        Q.add(ZETA + axis, THETA_DOT + axis, q[:, 0, 1])
+        Q.add(THETA_DOT + axis, THETA_DOT + axis, q[:, 1, 1])
+        if noise.quasi_static > 0.0:
+            Q.add(PHI_DOT + axis, PHI_DOT + axis, noise.quasi_static**2 * obs.dt)
+        Q.add(EPS + axis, EPS + axis, noise.gyro_walk**2 * obs.dt)
+        Q.add(NABLA + axis, NABLA + axis, noise.accel_walk**2 * obs.dt)
+        Q.add(V + axis, V + axis, noise.accel**2 * obs.dt + (2.0 * obs.jump_s) ** 2)
+        if noise.use_velocity:
+            Q.add(JITTER + axis, JITTER + axis, noise.jitter[axis] ** 2)
+        for other in range(3):
+            Q.add(ZETA + axis, D + other, seen[:, axis, other])
+            if other >= axis:
+                Q.add(ZETA + axis, ZETA + other, shown[:, axis, other])
+                Q.add(D + axis, D + other, drift[:, axis, other])
+            if noise.use_velocity:
+                Q.add(ZETA + axis, STEP_D + other, seen[:, axis, other])
+                Q.add(D + axis, STEP_D + other, drift[:, axis, other])
+                if other >= axis:
+                    Q.add(STEP_D + axis, STEP_D + other, drift[:, axis, other])
+    return Q.arrays()
+
+
+def _gap_variance(jump: FloatArray, noise: Noise) -> FloatArray:
+    """Variance of what the bridging of a gap can have missed of the relative rotation.
+
+    The flexure that happened unseen, at most its stationary spread, and what the other unit, turned by the coarse
+    alignment, carried across wrongly or, in a short gap, what a straight line misses.
+    """
+    q = np.max(4 * noise.damping * noise.stiffness * noise.std**2)
+    unseen = np.minimum(q * jump**3, 4.0 * np.max(noise.std) ** 2)
+    missed = np.where(jump > CARRIED_GAP_S, GAP_ANGLE * np.minimum(jump, 1.0), GAP_JERK * jump**3)
+    return np.asarray(unseen + missed**2) * (jump > 0)
 
 
 def _measurements(
@@ -226,15 +314,9 @@ def _measurements(
     if noise.use_velocity:
         _velocity_rows(obs, coupling, columns, rows)
         z[:, 3:] = obs.u - _flexure_velocity(obs, coupling)
-        variance[:, 3:] = noise.velocity**2 + _common_noise(obs, noise, coupling)
+        variance[:, 3:] = noise.velocity**2
         z[:LEAD, 3:] = np.nan
     return columns, rows, z, variance
-
-
-def _common_noise(obs: Observations, noise: Noise, coupling: FloatArray) -> FloatArray:
-    """(N, 3) of u, by the part of the gyros' noise that their difference does not show: B of it over the step."""
-    unseen = noise.sub_share * (1.0 - noise.sub_share) * noise.gyro**2 / np.maximum(obs.dt, 1e-9)[:, None]
-    return np.asarray(unseen @ (coupling**2).T)
 
 
 def _flexure_rate(obs: Observations) -> tuple[FloatArray, FloatArray]:
@@ -265,7 +347,7 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
         columns[3 + i] = [
             *range(V, V + 3), *range(D, D + 3), NABLA + i, *range(R, R + 3), DELAY, DRIFT,
             *range(B, B + 9), JITTER + i, JITTER_BEFORE + i, *range(KAPPA, KAPPA + 3),
-            *range(STEP_D, STEP_D + 3), *range(M_MAIN, M_MAIN + 9), *range(LAG, LAG + 3), S + i, *range(G, G + 3),
+            *range(STEP_D, STEP_D + 3), *range(M_MAIN, M_MAIN + 9),
         ]  # fmt: skip
         row = rows[:, 3 + i]
         row[:, 0:3] = A_mid_T[:, i]
@@ -282,6 +364,3 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
         row[:, 26:29] = on_step[:, i]
         for a in range(3):
             row[:, 29 + 3 * a : 32 + 3 * a] = -coupling[i, a] * obs.omega
-        row[:, 38:41] = A_mid_T[:, i]
-        row[:, 41] = -0.5 * obs.dt * obs.force_m[:, i]
-        row[:, 42:45] = -coupling[i]

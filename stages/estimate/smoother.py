@@ -25,7 +25,6 @@ from stages.paired import slabs
 CHANNELS = (
     "attitude x", "attitude y", "attitude z", "relative velocity x", "relative velocity y", "relative velocity z",
 )  # fmt: skip
-BEYOND_PRIOR = "the record says little beyond the prior"
 WEAK_DELAY_S = 1e-3  # s, one sigma
 WEAK_SHARE = 0.7  # of the prior sigma: a parameter that kept more than this was not really seen
 
@@ -121,7 +120,9 @@ def _parameters(trial: Trial, solution: Solution) -> dict[str, Estimate]:
         std = np.sqrt(np.maximum(P[first : first + count], 0.0))
         weak = bool(np.any(std > WEAK_SHARE * prior))
         status = Status.WEAK if weak else Status.ESTIMATED
-        return Estimate(base + x[first : first + count], std, status, BEYOND_PRIOR if weak else "")
+        return Estimate(
+            base + x[first : first + count], std, status, "the record says little beyond the prior" if weak else ""
+        )
 
     delay = estimate(np.array([at.delay]), m.DELAY, 1, noise.delay_prior)
     delay = replace(delay, value=delay.value[0], std=delay.std[0])
@@ -134,26 +135,10 @@ def _parameters(trial: Trial, solution: Solution) -> dict[str, Estimate]:
         "gyro_noise": Estimate(noise.gyro, 0.0 * noise.gyro),
     }
     if noise.use_velocity:
-        found["lever_arm"] = _lever_arm(solution)
+        found["lever_arm"] = estimate(at.lever_arm, m.R, 3, noise.lever_prior)
         found["accel_bias"] = estimate(np.zeros(3), m.NABLA, 3, noise.accel_bias_prior)
         found["lever_jitter"] = Estimate(noise.jitter, np.zeros(3))
     return found
-
-
-def _lever_arm(solution: Solution) -> Estimate:
-    """The lever arm at rest, theta = 0: the filter has it where z = 0, and from there to Phi it moves by B Phi.
-
-    How flexure and static angle share what is seen of both is the larger part of what it leaves open; and where slow
-    bending moves Phi, rest is no single place.
-    """
-    at, x, P = solution.at, solution.filtered.x_last, solution.filtered.P_last
-    seen = np.array([*range(m.R, m.R + 3), *range(m.PHI, m.PHI + 3)])
-    J = np.concatenate([np.eye(3), at.coupling], axis=1)
-    bending = (solution.smoothed.x[:, 5:8] - x[m.PHI : m.PHI + 3]) @ at.coupling.T
-    std = np.sqrt(np.maximum(np.diag(J @ P[np.ix_(seen, seen)] @ J.T), 0.0) + np.mean(bending**2, axis=0))
-    if np.any(std > WEAK_SHARE * solution.noise.lever_prior):
-        return Estimate(at.lever_arm + J @ x[seen], std, Status.WEAK, BEYOND_PRIOR)
-    return Estimate(at.lever_arm + J @ x[seen], std)
 
 
 def _alignment(alignment: Alignment, solution: Solution, delay: Estimate) -> Alignment:

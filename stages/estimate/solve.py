@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,8 +20,8 @@ from schemas.products import Alignment, FlexureModel
 from schemas.rig import FloatArray
 from schemas.trial import Trial
 from stages.drift import slow_part
-from stages.estimate import levels, tuning
 from stages.estimate import model as m
+from stages.estimate import tuning
 from stages.flexure_fit import fit_flexure
 from stages.paired import CARRIED_GAP_S, Linearisation, Observations, Paired, observe, pair
 
@@ -29,8 +30,7 @@ PILOT_S = 900.0  # s of record on which noise levels are found first
 PILOT_ROUNDS = 4
 LONG_S = 900.0  # s: shorter records cannot show how strong slow bending is
 DENSITIES = tuple(factor * tuning.QUASI_STATIC for factor in (1.0, 0.0, 10.0, 100.0))  # of slow bending, candidates
-LEVEL_S = 200.0  # s of record on which the levels of the accelerometers' noise are found
-LEVEL_FACTORS, FINE_FACTORS = ((5.0,), (1.7,)), (2.0, 1.4)  # by which levels and flexure are moved
+ACCEL_FACTORS, VELOCITY_FACTORS = (1.0, 3.0, 10.0), (1.0, 5.0)  # on the accelerometers' noise, candidates
 CHOICE_NATS = 4.0  # by how much the likelihood must gain before a default is left
 DISAGREEMENT = 16.3  # chi-square with 3 degrees of freedom, 0.1 %
 HOPELESS = 1.0  # m/s: beyond it the accelerometers are left out
@@ -66,27 +66,25 @@ def total_rotation(obs: Observations, x: FloatArray) -> FloatArray:
 def solve(trial: Trial, alignment: Alignment, flexure: FlexureModel) -> Solution:
     """The smoothed solution of a trial. Raises DataError when the units hardly overlap."""
     paired = pair(trial, alignment)
-    pilot = _piece(paired, PILOT_S)
+    pilot = _piece(paired)
     job = Job(trial, alignment)
     at = Linearisation.at(alignment, trial.rig.lever_arm)
-    first = flexure = tuning.separable(flexure)
+    flexure = tuning.separable(flexure)
     noise = tuning.initial(alignment, flexure, trial.rig)
     for _ in range(PILOT_ROUNDS):
         at, noise, flexure = job.after(job.round(observe(pilot, at), at, noise, flexure))
-    if noise.coarse:
-        noise, flexure = job.bending(observe(pilot, at), at, noise, first, flexure)
-    noise = job.accelerometers(observe(_piece(pilot, LEVEL_S), at), at, noise)
+    noise = job.accelerometers(observe(pilot, at), at, noise)
     at, noise, flexure = job.whole(observe(paired, at), at, noise, flexure)
     return job.settle(observe(paired, at), at, noise, flexure)
 
 
-def _piece(paired: Paired, length: float) -> Paired:
+def _piece(paired: Paired) -> Paired:
     """The middle of a long record."""
     t = paired.main.t
-    if t[-1] - t[0] <= 1.5 * length:
+    if t[-1] - t[0] <= 1.5 * PILOT_S:
         return paired
     middle = 0.5 * (t[0] + t[-1])
-    return paired.between(middle - 0.5 * length, middle + 0.5 * length)
+    return paired.between(middle - 0.5 * PILOT_S, middle + 0.5 * PILOT_S)
 
 
 @dataclass(frozen=True)
@@ -111,7 +109,7 @@ class Job:
 
     def model(self, obs: Observations, at: Linearisation, noise: m.Noise) -> list[Callable[[], SparseModel]]:
         """The model about a linearisation, in pieces, its prior centred on the alignment."""
-        return m.pieces(obs, noise, at.coupling, m.prior_map(obs, at.coupling) @ self.prior_mean(at))
+        return m.pieces(obs, noise, at.coupling, m.zeta_map(obs) @ self.prior_mean(at))
 
     def round(
         self, obs: Observations, at: Linearisation, noise: m.Noise, flexure: FlexureModel, identify: bool = True
@@ -136,31 +134,15 @@ class Job:
         noise = tuning.with_jitter(solution.noise, innovation, variance)
         eps, nabla = slice(m.EPS, m.EPS + 3), slice(m.NABLA, m.NABLA + 3)
         gyro_bias = solution.at.R_ref @ solution.at.gyro_bias + x[eps]
-        main = slice(m.G, m.G + 3)
-        noise = tuning.with_biases(
-            noise, self.trial.rig, (gyro_bias, np.sqrt(P[eps])), (x[nabla], np.sqrt(P[nabla])),
-            (x[main], np.sqrt(P[main])) if noise.use_velocity and noise.coarse else None,
-        )  # fmt: skip
-        scale = slice(m.S, m.S + 3)
-        noise = tuning.with_accel_scale(noise, (x[scale], np.sqrt(P[scale])))
+        noise = tuning.with_biases(noise, self.trial.rig, (gyro_bias, np.sqrt(P[eps])), (x[nabla], np.sqrt(P[nabla])))
         return _relinearised(solution, x), tuning.with_flexure(noise, solution.flexure), solution.flexure
-
-    def _scale_errors(self, solution: Solution) -> tuple[FloatArray, FloatArray]:
-        """Mean (18,) and covariance (18, 18) of the errors of the sub-IMU and of the main gyro, in m-axes."""
-        errors = np.array([*range(m.M, m.M + 9), *range(m.M_MAIN, m.M_MAIN + 9)])
-        mean = (solution.filtered.x_last - self.prior_mean(solution.at))[errors]
-        # The filter has the difference of both, and the main one's.
-        parts = np.kron([[1.0, 1.0], [0.0, 1.0]], np.eye(9))
-        return parts @ mean, parts @ solution.filtered.P_last[np.ix_(errors, errors)] @ parts.T
 
     def whole(
         self, obs: Observations, at: Linearisation, noise: m.Noise, flexure: FlexureModel
     ) -> tuple[Linearisation, m.Noise, FlexureModel]:
-        """A round on the whole record: what :meth:`after` says, and how large slow bending and scale errors are."""
-        solution = self.round(obs, at, noise, flexure, not noise.coarse)
+        """A round on the whole record: what :meth:`after` says, and how strong slow bending is."""
+        solution = self.round(obs, at, noise, flexure)
         at, noise, flexure = self.after(solution)
-        # Not before the rest has settled: until then these errors would answer for whatever is not modelled yet.
-        noise = tuning.with_scale_errors(noise, self.trial.rig, *self._scale_errors(solution))
         return at, self.quasi_static(solution, noise), flexure
 
     def quasi_static(self, solution: Solution, noise: m.Noise) -> m.Noise:
@@ -177,27 +159,12 @@ class Job:
         return replace(noise, quasi_static=DENSITIES[self._likeliest(obs, solution.at, tried)])
 
     def accelerometers(self, obs: Observations, at: Linearisation, noise: m.Noise) -> m.Noise:
-        """The most likely levels of the noise of u: white in acceleration, velocity and displacement."""
-        score = lambda tried: self.likelihoods(obs, at, tried).tolist()  # noqa: E731
-        noise = levels.climb(noise, score, levels.LEVELS, LEVEL_FACTORS[0])
-        return levels.climb(noise, score, (*levels.LEVELS[:2], *levels.JITTERS), LEVEL_FACTORS[1])
-
-    def bending(
-        self, obs: Observations, at: Linearisation, noise: m.Noise, first: FlexureModel, last: FlexureModel
-    ) -> tuple[m.Noise, FlexureModel]:
-        """The most likely flexure where coarse gyros hide it from its spectrum; begins at the better of two models.
-
-        The spectrum is fitted to angles from which a drift was taken, and with noisy gyros in a short record the drift
-        takes a share of the flexure along.
-        """
-
-        def score(tried: list[m.Noise]) -> list[float]:
-            gyros = [replace(one, use_velocity=False) for one in tried]
-            return [value + levels.flexure_prior(one) for value, one in zip(self.likelihoods(obs, at, gyros), tried)]
-
-        begin = [tuning.with_flexure(noise, replace(one, gyro_noise=last.gyro_noise)) for one in (first, last)]
-        noise = levels.climb(begin[int(np.argmax(score(begin)))], score, levels.FLEXURE, FINE_FACTORS)
-        return noise, replace(last, damping=noise.damping, stiffness=noise.stiffness, std=noise.std)
+        """The level of the accelerometers' noise, white in velocity and in acceleration, that is most likely."""
+        tried = [
+            replace(noise, accel=a * noise.accel, velocity=v * noise.velocity)
+            for a, v in product(ACCEL_FACTORS, VELOCITY_FACTORS)
+        ]
+        return tried[self._likeliest(obs, at, tried)]
 
     def _likeliest(self, obs: Observations, at: Linearisation, tried: list[m.Noise]) -> int:
         """Which set is most likely; the first one unless another gains enough."""

@@ -13,9 +13,8 @@ import numpy as np
 
 from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, PPM
 from schemas.products import Alignment, FlexureModel
-from schemas.rig import FloatArray, ImuGrade, Rig
+from schemas.rig import FloatArray, Rig
 from stages.estimate.model import Noise
-from stages.estimate.scale_errors import sizes
 
 ANGLE_PRIOR = 60 * ARCMIN  # of the static angle and of the start of the drift, at least
 DELAY_PRIOR_S = (2e-3, 0.05)  # least and most
@@ -25,23 +24,16 @@ LEVER_PRIOR_M = 100.0  # where the rig states nothing
 COUPLING_SHARE = 0.1  # of the lever arm: how far flexure between the two places differs from a rigid lever's
 FINE_GYRO = 1.4e-3 * DEG_PER_SQRT_HOUR  # the grade at which the next figures hold; coarser units have larger ones
 FINE_BIAS = 0.02 * DEG_PER_HOUR
-FINE_SCALE = 7 * PPM  # of each unit
-FINE_SKEW = 20 * PPM  # non-orthogonality of each: 4 arcsec
+FINE_SCALE = 10 * PPM
+FINE_SKEW = 30 * PPM  # non-orthogonality: 6 arcsec between the two units
 FINE_ACCEL_BIAS = 100 * MICRO_G
-FINE_ACCEL_SCALE = 50 * PPM
 FINE_ACCEL_NOISE = 2e-4  # (m/s)/sqrt(s)
-BIAS_EXPONENT = 1.6  # from a fibre gyro (0.001 deg/sqrt(h), 0.01 deg/h) to a MEMS (0.3 deg/sqrt(h), 200 deg/h)
 GRADE_EXPONENT = 0.8  # from a fibre gyro (0.001 deg/sqrt(h), 5 ppm) to a MEMS (0.3 deg/sqrt(h), 0.3 %)
 VELOCITY = 1e-4  # m/s per step: what interpolation and the means over a step leave
 JITTER_START = 2e-3  # m, displacement of the lever arm beyond the model; the fit anneals from here
 JITTER_FLOOR = 1e-6
 CLIP, CLIPPED_MEAN = 3.0, 0.987  # sigma; mean of min(chi-square, 9) with one degree of freedom
-EM_ROUNDS = 30
-FREED = 3.0  # at most, in a round
-PRIOR_WEIGHT = 3.0  # degrees of freedom of the usual figure against the three biases found
-
-
-Found = tuple[FloatArray, FloatArray]  # value and std of three biases
+PRIOR_WEIGHT = 1.0  # degrees of freedom of the grade's figure against the three biases found
 
 
 def separable(flexure: FlexureModel) -> FlexureModel:
@@ -54,58 +46,28 @@ def grade(gyro_noise: FloatArray) -> float:
     return float(max(np.median(gyro_noise) / FINE_GYRO, 1.0))
 
 
-def usual_bias(coarse: float) -> float:
-    """rad/s of the difference of two gyros of a grade."""
-    return FINE_BIAS * coarse**BIAS_EXPONENT
-
-
 def initial(alignment: Alignment, flexure: FlexureModel, rig: Rig) -> Noise:
     """Where the tuning begins."""
     coarse = grade(flexure.gyro_noise)
     angle = max(ANGLE_PRIOR, 3.0 * float(np.max(alignment.static.std)))
     delay = float(np.clip(5.0 * float(alignment.time_delay.std), *DELAY_PRIOR_S))
     known = rig.lever_arm is not None
-    bias = stated(rig, "gyro_bias_std") or usual_bias(coarse)
     noise = Noise(
         damping=flexure.damping, stiffness=flexure.stiffness, std=flexure.std, gyro=flexure.gyro_noise,
         gyro_walk=0.0, quasi_static=QUASI_STATIC, velocity=np.full(3, VELOCITY * np.sqrt(coarse)),
         jitter=np.full(3, JITTER_START),
         accel=accel_noise(rig, coarse), accel_walk=0.0, phi_prior=angle, drift_prior=angle,
-        gyro_bias_prior=bias, delay_prior=delay, clock_prior=CLOCK_PRIOR,
+        gyro_bias_prior=stated(rig, "gyro_bias_std") or FINE_BIAS * coarse, delay_prior=delay, clock_prior=CLOCK_PRIOR,
         accel_bias_prior=stated(rig, "accel_bias_std") or FINE_ACCEL_BIAS * coarse**GRADE_EXPONENT,
         lever_prior=rig.lever_arm_std if known else LEVER_PRIOR_M, coupling_prior=1.0, kappa_prior=COUPLING_SHARE,
-        scale_prior=scale_errors(rig.sub, coarse), scale_prior_main=scale_errors(rig.main, coarse),
-        main_bias_prior=rig.main.gyro_bias_std or bias / np.sqrt(2.0), sub_share=_sub_share(rig),
-        accel_scale_prior=FINE_ACCEL_SCALE * coarse**GRADE_EXPONENT,
+        scale_prior=_scale_prior(coarse),
     )  # fmt: skip
     return with_flexure(noise, flexure)
 
 
-def scale_errors(unit: ImuGrade, coarse: float) -> FloatArray:
-    """(3, 3), one sigma of a unit: scale factors on the diagonal, non-orthogonality beside it."""
-    usual = coarse**GRADE_EXPONENT
-    scale = FINE_SCALE * usual if unit.gyro_scale_std is None else unit.gyro_scale_std
-    skew = FINE_SKEW * usual if unit.gyro_skew_std is None else unit.gyro_skew_std
-    return np.asarray(skew + (scale - skew) * np.eye(3))
-
-
-def with_scale_errors(noise: Noise, rig: Rig, mean: FloatArray, covariance: FloatArray) -> Noise:
-    """Prior sigmas of scale factors and axes as the record shows them; a rig keeps what it states.
-
-    mean (18,), covariance (18, 18): found errors of the sub-IMU, then of the main gyro.
-    """
-    coarse = grade(noise.gyro)
-    usual = np.array([scale_errors(unit, coarse) for unit in (rig.sub, rig.main)])
-    stated = [x for unit in (rig.sub, rig.main) for x in (unit.gyro_scale_std, unit.gyro_skew_std)]
-    prior = np.array([noise.scale_prior, noise.scale_prior_main])
-    sub, main = sizes(mean, covariance, prior, usual, np.array([x is None for x in stated]))
-    return replace(noise, scale_prior=sub, scale_prior_main=main)
-
-
-def _sub_share(rig: Rig) -> float:
-    """The sub-IMU's part of the variance of the gyros' noise; half where the rig does not state both."""
-    main, sub = rig.main.gyro_arw, rig.sub.gyro_arw
-    return 0.5 if main is None or sub is None else sub**2 / max(main**2 + sub**2, 1e-300)
+def _scale_prior(coarse: float) -> FloatArray:
+    """(3, 3): scale factors on the diagonal, non-orthogonality beside it."""
+    return np.asarray(coarse**GRADE_EXPONENT * (FINE_SKEW + (FINE_SCALE - FINE_SKEW) * np.eye(3)))
 
 
 def stated(rig: Rig, name: str) -> float | None:
@@ -120,44 +82,29 @@ def accel_noise(rig: Rig, coarse: float) -> float:
 
 
 def with_flexure(noise: Noise, flexure: FlexureModel) -> Noise:
-    """Take over an identified flexure model and the noise of the gyros that it shows."""
+    """Take over an identified flexure model and the grade that its gyro noise shows."""
+    coarse = grade(flexure.gyro_noise)
     gyro = np.full(3, float(np.median(flexure.gyro_noise)))
     return replace(
         noise, damping=flexure.damping, stiffness=flexure.stiffness, std=flexure.std, gyro=gyro,
         # In-run instability: over an hour about a tenth of the bias prior.
         gyro_walk=0.1 * noise.gyro_bias_prior / 60.0, accel_walk=0.02 * noise.accel_bias_prior / 60.0,
+        scale_prior=_scale_prior(coarse),
     )  # fmt: skip
 
 
-def with_biases(noise: Noise, rig: Rig, gyro: Found, accel: Found, main: Found | None = None) -> Noise:
-    """Bias priors by empirical Bayes from (value, std) of the three biases found; a stated rig keeps its own.
-
-    main: those of the main gyro, where it has states.
-    """
+def with_biases(
+    noise: Noise, rig: Rig, gyro: tuple[FloatArray, FloatArray], accel: tuple[FloatArray, FloatArray]
+) -> Noise:
+    """Bias priors by empirical Bayes from (value, std) of the three biases found; a stated rig keeps its own."""
     coarse = grade(noise.gyro)
-    usual = usual_bias(coarse), FINE_ACCEL_BIAS * coarse**GRADE_EXPONENT
-    gyro_prior = stated(rig, "gyro_bias_std") or _spread(usual[0], noise.gyro_bias_prior, *gyro)
-    accel_prior = stated(rig, "accel_bias_std") or _spread(usual[1], noise.accel_bias_prior, *accel)
-    each = max(usual[0], gyro_prior) / np.sqrt(2.0)
-    main_prior = rig.main.gyro_bias_std or (each if main is None else _spread(each, noise.main_bias_prior, *main))
-    return replace(noise, gyro_bias_prior=gyro_prior, accel_bias_prior=accel_prior, main_bias_prior=main_prior)
+    gyro_prior = stated(rig, "gyro_bias_std") or _spread(FINE_BIAS * coarse, *gyro)
+    accel_prior = stated(rig, "accel_bias_std") or _spread(FINE_ACCEL_BIAS * coarse**GRADE_EXPONENT, *accel)
+    return replace(noise, gyro_bias_prior=gyro_prior, accel_bias_prior=accel_prior)
 
 
-def with_accel_scale(noise: Noise, found: Found) -> Noise:
-    """Prior of the accelerometers' scale factors by empirical Bayes."""
-    usual = FINE_ACCEL_SCALE * grade(noise.gyro) ** GRADE_EXPONENT
-    return replace(noise, accel_scale_prior=_spread(usual, noise.accel_scale_prior, *found))
-
-
-def _spread(centre: float, prior: float, value: FloatArray, std: FloatArray) -> float:
-    """Sigma of which three values found under ``prior`` speak: its fixed point, centre where they say nothing."""
-    information = np.maximum(std**-2.0 - prior**-2.0, 0.0)
-    variance = prior**2
-    for _ in range(EM_ROUNDS):
-        left = 1.0 / (information + 1.0 / variance)
-        freed = np.minimum(left / std**2, FREED)  # by how much a value grows when its prior gives way
-        variance = (np.sum((freed * value) ** 2 + left) + PRIOR_WEIGHT * centre**2) / (3.0 + PRIOR_WEIGHT)
-    return float(np.sqrt(variance))
+def _spread(centre: float, value: FloatArray, std: FloatArray) -> float:
+    return float(np.sqrt((np.sum(value**2 + std**2) + PRIOR_WEIGHT * centre**2) / (3.0 + PRIOR_WEIGHT)))
 
 
 def with_jitter(noise: Noise, innovation: FloatArray, variance: FloatArray) -> Noise:

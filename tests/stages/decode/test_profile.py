@@ -49,14 +49,11 @@ def test_installation_is_heading_then_pitch_then_roll(tmp_path):
 
 def test_noise_grades_become_si(tmp_path):
     text = "[sub.noise]\ngyro_arw = 0.3\ngyro_bias_dph = 200\naccel_vrw_ug = 100\naccel_bias_ug = 10000\n"
-    text += "gyro_scale_ppm = 1000\ngyro_skew_arcsec = 100\n"
     grade = profile(tmp_path, text).rig().sub
     assert grade.gyro_arw == pytest.approx(np.deg2rad(0.3) / 60.0)
     assert grade.gyro_bias_std == pytest.approx(np.deg2rad(200.0) / 3600.0)
     assert grade.accel_vrw == pytest.approx(100e-6 * 9.80665)
     assert grade.accel_bias_std == pytest.approx(10e-3 * 9.80665)
-    assert grade.gyro_scale_std == pytest.approx(1e-3)
-    assert grade.gyro_skew_std == pytest.approx(np.deg2rad(100.0 / 3600.0))
 
 
 def test_sampling_of_a_unit_overrides_that_of_the_profile(tmp_path):

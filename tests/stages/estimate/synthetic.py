@@ -53,8 +53,6 @@ class World:
     duration: float = 24.0
     rate: float = 50.0
     sub_rate: float | None = None
-    common_bias: np.ndarray = field(default_factory=lambda: np.zeros(3))  # of both gyros, m-axes
-    main_accel_scale: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     @property
     def coupled(self) -> np.ndarray:
@@ -110,10 +108,7 @@ class World:
         force = self.force(name, nodes.ravel()).reshape(-1, len(NODES), 3)
         # Increments over the interval, divided by its length on the unit's own clock, gyro and accelerometer alike.
         accel = 0.5 * np.einsum("j,kji->ki", WEIGHTS, force) * np.diff(edges)[:, None] * rate
-        if name == "main":
-            gyro, accel = gyro + self.common_bias, accel * (1.0 + self.main_accel_scale)
         if name == "sub":
-            gyro = gyro + Rotation.from_rotvec(self.static).inv().apply(self.common_bias)
             gyro, accel = gyro + gyro @ self.scale.T + self.gyro_bias, accel + self.accel_bias
         return ImuSeries(EPOCH + np.rint(stamp * 1e9).astype(np.int64), gyro, accel)
 

@@ -137,69 +137,6 @@ def test_accelerometer_bias(base) -> None:
     compare(base, replace(WORLD, accel_bias=bias), state(NABLA=nabla), z_rel=0.0, u_rel=5e-3)
 
 
-def test_scale_factors_of_the_accelerometers(base) -> None:
-    scale = np.array([1e-5, -2e-5, 1.5e-5])
-    compare(base, replace(WORLD, main_accel_scale=-scale), state(S=scale), z_rel=0.0, u_rel=5e-3)
-
-
-def test_bias_common_to_both_gyros(base) -> None:
-    """The frame turns by it; what the integrals lack at their start turns along, which is V's business."""
-    obs, at = base
-    G = np.array([1e-5, -7e-6, 8e-6])
-    other = observe(paired_of(replace(WORLD, common_bias=G)), at)
-    change = (measured(other, at.coupling) - measured(obs, at.coupling))[2:]
-    start = WORLD.main(obs.t[:1])[0].inv().apply(WORLD.velocity(obs.t[:1])[0])
-    change[:, 3:] += np.einsum("kji,j->ki", other.A_mid - obs.A_mid, start)[2:]
-    expected = predicted(obs, at.coupling, state(G=G))[2:]
-    for part in (slice(0, 3), slice(3, 6)):
-        size = np.abs(expected[:, part]).max()
-        assert np.abs(change[:, part] - expected[:, part]).max() < 0.03 * size
-    without = change[:, 3:] + np.cross(G, WORLD.lever)  # that u itself is wrong by G x r is not all there is to it
-    assert np.abs(without).max() > 0.2 * np.abs(expected[:, 3:]).max()
-
-
-def test_mean_over_a_step_of_a_random_walk_of_velocity(base) -> None:
-    """Means of a Brownian motion over neighbouring steps h, density q: their difference has variance 2 q h/3, and the
-    next difference a covariance of q h/6 with it.
-    """
-    obs, at = base
-    noise = replace(NOISE, jitter=np.zeros(3), gyro=np.zeros(3), accel_walk=0.0)
-    model = m.build(obs, noise, at.coupling, np.zeros(m.SIZE))
-    seen = np.array([m.V, m.LAG])
-    difference = []  # coefficients of the noise of four steps in u at each of them
-    Q, E = np.zeros((m.SIZE, m.SIZE)), np.zeros((m.SIZE, m.SIZE))
-    np.add.at(Q, (model.noise_row, model.noise_col), model.noise[40])
-    np.add.at(E, (model.transition_row, model.transition_col), model.transition[40])
-    Q = (np.triu(Q) + np.triu(Q, 1).T)[np.ix_(seen, seen)]
-    F = (np.eye(m.SIZE) + E)[np.ix_(seen, seen)]
-    h = np.ones(2)  # along an axis of i: u sees V and its lag alike
-    for k in range(4):
-        difference.append([h @ np.linalg.matrix_power(F, k - j) if j <= k else np.zeros(2) for j in range(4)])
-    steps = np.diff(np.array(difference), axis=0)
-    covariance = np.einsum("aji,ik,bjk->ab", steps, Q, steps)
-    size = NOISE.accel**2 * obs.dt[40]
-    assert covariance[2, 2] == pytest.approx(2 * size / 3, rel=1e-6)
-    assert covariance[1, 2] == pytest.approx(size / 6, rel=1e-6)
-
-
-def test_lever_arm_known_at_rest_ties_the_static_angle_to_it(base) -> None:
-    """Where the arm is sure at theta = 0, the arm at zeta = 0 is short of it by B Phi."""
-    obs, at = base
-    P = m.build(obs, replace(NOISE, lever_prior=0.0), at.coupling, np.zeros(m.SIZE)).P0
-    R, Phi = slice(m.R, m.R + 3), slice(m.PHI, m.PHI + 3)
-    np.testing.assert_allclose(P[R, Phi], -at.coupling * NOISE.phi_prior**2, rtol=1e-12)
-    np.testing.assert_allclose(P[R, R], at.coupling @ at.coupling.T * NOISE.phi_prior**2, rtol=1e-12)
-
-
-def test_errors_of_the_difference_are_those_of_both_units(base) -> None:
-    obs, at = base
-    P = m.build(obs, replace(NOISE, scale_prior_main=np.full((3, 3), 3e-5)), at.coupling, np.zeros(m.SIZE)).P0
-    difference, main = np.arange(m.M, m.M + 9), np.arange(m.M_MAIN, m.M_MAIN + 9)
-    np.testing.assert_allclose(P[difference, difference], 1e-8 + 9e-10, rtol=1e-9)
-    np.testing.assert_allclose(P[difference, main], -9e-10, rtol=1e-9)
-    np.testing.assert_allclose(P[main, main], 9e-10, rtol=1e-9)
-
-
 def test_lever_arm_with_its_rigid_coupling(base) -> None:
     """A longer arm moves as a whole; what flexure adds at the new arm is B's business, kept at the old one here."""
     change = np.array([0.02, -0.01, 0.03])
