@@ -147,4 +147,5 @@ def test_the_estimate_is_as_good_as_without_the_effect(name, given, clean, tmp_p
     before = estimated(deckflex, log)
     after = estimated(deckflex, log, "--compensate", written(tmp_path, document))
     assert np.linalg.norm(after) < 1.2 * np.linalg.norm(clean)
-    assert np.abs(before - clean).max() > max(2.0 * np.abs(after - clean).max(), 0.04)
+    # 0.02 arcmin: what seeds differ by; the estimator by itself resists outliers down to 0.03.
+    assert np.abs(before - clean).max() > max(2.0 * np.abs(after - clean).max(), 0.02)

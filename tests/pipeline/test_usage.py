@@ -5,7 +5,9 @@ import pytest
 from pipeline.cli import app
 from pipeline.registries import Kind, listing
 
-COMMANDS = ("simulate", "info", "run", "compare", "diagnose", "reproduce", "list", "view", "version")
+COMMANDS = (
+    "simulate", "info", "run", "compare", "diagnose", "reproduce", "batch", "catalogue", "list", "view", "version",
+)  # fmt: skip
 
 
 def test_the_commands_are_those_of_this_version(deckflex):
