@@ -31,7 +31,7 @@ from stages.diagnose.nuisances import (
     structure,
     tolerances,
 )
-from stages.diagnose.view import Believed
+from stages.diagnose.view import Believed, level
 from stages.diagnose.whitening import AccelColour, Levels, PhinsMatch, Whitened
 from stages.estimate import tuning
 from stages.paired import Linearisation, Observations, Paired, observe, pair
@@ -83,10 +83,15 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     hardly overlap.
     """
     believed = _aligned(source, coarse)
+    recorded = source.trial
+    if not source.forces:
+        source = level(source)
     paired = pair(source.trial, believed, despike=False)  # a step of the mounting is a spike of its gyro
-    flexure = _sober(tuning.separable(identify.get("whittle")().identify(source.trial, believed)), source.flexure)
+    flexure = _sober(tuning.separable(identify.get("whittle")().identify(recorded, believed)), source.flexure)
     at = Linearisation.at(believed, source.lever_arm)
     obs = _without_slow_bending(observe(paired, at), source, at.coupling)
+    if not source.forces:
+        obs = replace(obs, u=np.full_like(obs.u, np.nan))
     response = Response(obs, at.R_ref, at.coupling)
     own = (
         *slow_bending(source, response),

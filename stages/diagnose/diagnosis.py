@@ -29,13 +29,14 @@ from stages.diagnose.judgement import Abstention, halves_agree, judged
 from stages.diagnose.regressors import view_of
 from stages.diagnose.selection import Selection, select
 from stages.diagnose.spectra import FullRateResidual, JointFit
-from stages.diagnose.view import believed
+from stages.diagnose.view import believed, without_dead_forces
 from twin import effects
 from twin.compensation import compensate
 from twin.config import Twin
 from twin.effects import Effect
 
 SHORTEST_S = 60.0
+STILL = 2e-5  # rad/s rms of one-second means of the main IMU's rates, below which a ship does not move
 ALIKE_SHARE = 0.9  # of an effect's energy that a look-alike explains
 MOST_SPECTRAL = 3  # spectral effects named in one log
 
@@ -82,7 +83,7 @@ def diagnose(
     names = tuple(effects.names()) if library is None else tuple(library)
     _comparable(trial, twin)
     log = trial.source or "log"
-    trial, twin_bare = _without_known(trial, twin)
+    trial, twin_bare = _without_known(without_dead_forces(trial), twin)
     evidence = _gathered(trial, twin_bare, names, rng, say)
     verdict = judged(
         sum(f.evidence_nats for f in evidence.findings), evidence.left, halves_agree(evidence.chosen),
@@ -101,6 +102,31 @@ def _comparable(trial: Trial, twin: Twin) -> None:
     rate = 1e9 / float(np.median(np.diff(trial.main.stamp)))
     if not 0.8 < rate / twin.run.rate < 1.25:
         raise DataError(f"the twin '{twin.name}' runs at {twin.run.rate:g} Hz, the main IMU of the log at {rate:g} Hz")
+    moved = _motion(trial)
+    if moved < STILL:
+        raise DataError(
+            f"the ship lies still (rates of the main IMU vary by {np.degrees(moved):.1e} deg/s rms): "
+            "without motion no effect can show"
+        )
+
+
+def _motion(trial: Trial) -> float:
+    """rad/s rms of one-second means of the main IMU's rates about their mean, the liveliest axis; 0 without any."""
+    gyro = trial.main.gyro[np.isfinite(trial.main.gyro).all(axis=1)]
+    count = len(gyro) // max(1, round(len(trial.main) / trial.duration))
+    if count < 2:
+        return 0.0
+    means = [part.mean(axis=0) for part in np.array_split(gyro, count)]
+    return float(np.std(means, axis=0).max())
+
+
+def _unstated(twin: Twin) -> tuple[str, ...]:
+    """What the twin leaves to the defaults, which are no ship's in particular."""
+    missing = [name for name in ("mount", "flexure", "imu") if name not in twin.model_fields_set]
+    if not missing:
+        return ()
+    tables = ", ".join(f"[{name}]" for name in missing)
+    return (f"the twin says nothing of {tables}: the defaults were believed, and a gap may be theirs",)
 
 
 def _without_known(trial: Trial, twin: Twin) -> tuple[Trial, Twin]:
@@ -295,7 +321,7 @@ def _written(
         spectra=spectra.pictures(evidence.before, evidence.residual, evidence.joint),
         localisation=pictures.localisation(chosen),
         traces=pictures.traces(chosen),
-        notes=evidence.checks.notes,
+        notes=(*_unstated(twin), *evidence.checks.notes),
         duration_s=float(chosen.base.t[-1] - chosen.base.t[0]),
     )
 

@@ -142,6 +142,8 @@ def _label(shape: Mapping[str, float]) -> str:
 def _missing(name: str, base: Baseline) -> str:
     """Why an effect cannot be tested on this baseline, empty where it can."""
     needs = " ".join(effects.get(name).needs)
+    if "accel" in needs and not base.source.forces:
+        return "there are no accelerometers in the log that show gravity"
     if "phins" in needs and base.match is None:
         return "there is no pair of PHINS with attitude in the log"
     if "temperature" in needs and base.source.trial.temperature_sub is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from physics import quaternions
 from physics.rotations import log
-from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
+from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, STANDARD_GRAVITY
 from schemas.products import FlexureModel
 from schemas.rig import FloatArray, ImuGrade, Rig
 from schemas.trial import ImuSeries, Trial
@@ -27,12 +27,14 @@ class Believed:
 
     lagging: the gyros were found to lag by a low-pass that is taken out, how far exactly is for the regression.
     flexure: (3, 3) damping, stiffness and std of the axes, one a row, as spectra without slow motion show it; or None.
+    forces: both units have accelerometers that show gravity.
     """
 
     trial: Trial
     twin: Twin
     lagging: bool = False
     flexure: FloatArray | None = None
+    forces: bool = True
 
     @property
     def static(self) -> FloatArray:
@@ -53,7 +55,34 @@ def believed(trial: Trial, twin: Twin, lagging: bool = False, flexure: FloatArra
     rig = replace(trial.rig, main=_grade(trial.rig.main, twin.imu.main), sub=_grade(trial.rig.sub, twin.imu.sub))
     rig = _with_lever(rig, twin)
     trial = replace(trial, main=main, sub=sub, phins_main=phins_main, phins_sub=phins_sub, rig=rig)
-    return Believed(trial, twin, lagging, flexure)
+    return Believed(trial, twin, lagging, flexure, has_forces(trial))
+
+
+def has_forces(trial: Trial) -> bool:
+    """Whether the accelerometers of both units show something of the size of gravity."""
+    return all(_shows_gravity(series) for series in (trial.main, trial.sub))
+
+
+def _shows_gravity(series: ImuSeries) -> bool:
+    size = np.linalg.norm(series.accel, axis=1)
+    seen = np.isfinite(size)
+    return bool(seen.mean() > 0.5) and 0.5 < float(np.median(size[seen])) / STANDARD_GRAVITY < 2.0
+
+
+def without_dead_forces(trial: Trial) -> Trial:
+    """NaN for accelerometers of which there is nothing: zeros would pass for clipped samples."""
+    if has_forces(trial):
+        return trial
+    main, sub = (replace(series, accel=np.full_like(series.accel, np.nan)) for series in (trial.main, trial.sub))
+    return replace(trial, main=main, sub=sub)
+
+
+def level(source: Believed) -> Believed:
+    """Gravity along z in place of missing forces: it makes the model finite, and nothing that is looked at moves."""
+    one = np.array([0.0, 0.0, STANDARD_GRAVITY])
+    trial = source.trial
+    main, sub = (replace(series, accel=np.tile(one, (len(series), 1))) for series in (trial.main, trial.sub))
+    return replace(source, trial=replace(trial, main=main, sub=sub))
 
 
 def _corrected(series: ImuSeries, belief: Imu) -> ImuSeries:

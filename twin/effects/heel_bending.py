@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from physics.units import ARCMIN
-from twin.effects._effect import PerAxis
+from twin.effects._effect import ACCELEROMETERS, GYROS, PerAxis
 from twin.effects._parameters import AXES, parameter
 from twin.effects._prediction import Column, LogView, Signals, on_axis
 
@@ -33,6 +33,7 @@ class HeelBending(PerAxis):
     x: float = SHARE
     y: float = SHARE
     z: float = SHARE
+    needs: ClassVar[tuple[str, ...]] = (*GYROS, ACCELEROMETERS[0])
     advice: ClassVar[str] = "Model bending in proportion to lasting heel, and keep heel small while measuring."
     bends: ClassVar[bool] = True
     foretold: ClassVar[bool] = True

@@ -17,6 +17,7 @@ from schemas.diagnosis import Diagnosis, Finding, Verdict
 from schemas.errors import DataError
 from schemas.trial import Trial
 from stages.diagnose import diagnose
+from stages.diagnose.diagnosis import _unstated
 from stages.diagnose.judgement import judged
 from tests.stages.diagnose import simulated
 from tests.stages.diagnose.simulated import part, with_gap, without_aids
@@ -48,7 +49,14 @@ CASES = {
     "gap": lambda: with_gap(log(SCALE), 140.0, 170.0),
     "step": lambda: log(STEP),
 }
+FEW = ("time_delay", "gyro_scale_factor", "accel_bias", "lever_arm", "heel_bending")
 LIBRARY = {"not in the library": [name for name in effects.names() if name != "time_delay"]}
+
+
+def part_of(trial: Trial, length: float) -> Trial:
+    """The first seconds of both IMUs."""
+    main, sub = (part(unit, trial.seconds(unit.stamp) < length) for unit in (trial.main, trial.sub))
+    return replace(trial, main=main, sub=sub)
 
 
 def named(case: str) -> dict[str, Finding]:
@@ -177,6 +185,27 @@ def short(trial: Trial) -> Trial:
 def test_a_short_log_is_refused_in_a_sentence() -> None:
     with pytest.raises(DataError, match="a diagnosis needs 60 s"):
         diagnose(short(log()), TWIN, shrink=False)
+
+
+def test_a_ship_that_lies_still_is_refused_in_a_sentence() -> None:
+    trial = part_of(log(), 61.0)
+    noise = 1e-6 * np.random.default_rng(0).standard_normal(trial.main.gyro.shape)
+    with pytest.raises(DataError, match="lies still"):
+        diagnose(replace(trial, main=replace(trial.main, gyro=noise)), TWIN, shrink=False)
+
+
+def test_gyros_alone_are_diagnosed_and_what_needs_forces_is_said_to_be_untestable() -> None:
+    trial = without_aids(part_of(log(SCALE), 80.0))
+    main, sub = (replace(series, accel=np.zeros_like(series.accel)) for series in (trial.main, trial.sub))
+    found = diagnose(replace(trial, main=main, sub=sub), TWIN, shrink=False, library=FEW)
+    assert {"accel_bias", "lever_arm", "heel_bending"} <= set(found.untestable)
+    assert np.isfinite([row.evidence_nats for row in found.tested]).all()
+    assert {finding.name for finding in found.effects} <= {"gyro_scale_factor"}
+
+
+def test_sections_that_a_twin_leaves_out_are_told() -> None:
+    assert "[mount], [imu]" in _unstated(parse_twin("[flexure]\n"))[0]
+    assert not _unstated(parse_twin("[flexure]\n[mount]\n[imu]\n"))
 
 
 def test_a_rate_that_is_not_the_twins_is_refused_in_a_sentence() -> None:
