@@ -14,6 +14,7 @@ CALENDAR = (("m", 1), ("m", 5), ("m", 15), ("h", 1), ("h", 2), ("h", 6), ("h", 1
             ("M", 1), ("M", 3), ("M", 6), ("Y", 1), ("Y", 2), ("Y", 5), ("Y", 10))  # fmt: skip
 SECONDS = {"m": 60.0, "h": 3600.0, "D": 86400.0, "W": 7 * 86400.0, "M": 28 * 86400.0, "Y": 365 * 86400.0}
 MOST_TICKS = 8
+MARKS_APART = 8.0  # how many marks of a time view at most have room for their figures
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,21 @@ def span_of(values: Sequence[FloatArray], margin: float = 0.06, zero: bool = Tru
     low, high = float(finite.min()), float(finite.max())
     pad = margin * (high - low) or 0.5 * abs(low) or 1.0
     return low - pad, high + pad
+
+
+def legible(low: float, high: float) -> tuple[float, float]:
+    """The limits, moved outwards until two of the marks are within them that Rerun writes: powers of ten, far apart.
+
+    Its time views take no other marks, so a range of 2 to 9 would show none.
+    """
+    step = 10.0 ** np.ceil(np.log10(max(high - low, 1e-12) / MARKS_APART) - 1e-9)
+    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
+    while last - first < 1:
+        if low - step * (first - 1) < step * (last + 1) - high:
+            first, low = first - 1, step * (first - 1.05)
+        else:
+            last, high = last + 1, step * (last + 1.05)
+    return float(low), float(high)
 
 
 def decades_of(values: Sequence[FloatArray], most: float = 9.0) -> tuple[float, float]:

@@ -5,11 +5,15 @@ from __future__ import annotations
 from pathlib import PurePath
 from typing import Any
 
-from schemas.products import Result
-from stages.publish.summary import AXES, summary
+import numpy as np
+
+from schemas.products import DeckShape, Result
+from stages.publish.deck_line import measured_line
+from stages.publish.summary import AXES, intervals, summary
 from stages.publish.verdict import Verdict
 
 MARKUP = frozenset("\\`*_{}[]<>|#!~$&")
+CURVES = ("vertical curvature (about x)", "torsion (about y)", "horizontal curvature (about z)")
 NAMES = {"truth": "truth", "phins": "PHINS"}
 
 
@@ -28,6 +32,27 @@ def accuracy_text(result: Result) -> str:
     used = [f"- {plain_markdown(line)}" for line in (*s["details"]["used"], *s["details"]["notes"])]
     parts = [_budget(s), _coverage(s), "### What was used\n\n" + "\n".join(used) if used else ""]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def deck_text(shape: DeckShape) -> str:
+    """Largest curvature of each kind, where it is, its limit, how far the line bends, and what was left out."""
+    across = np.abs(measured_line(shape)).max(axis=0) * 1e3
+    bend = f"Over its chord the line bends by at most {across[1]:.1f} mm up or down, {across[0]:.1f} mm sideways."
+    rows = []
+    for i, name in enumerate(CURVES):
+        at = int(np.nanargmax(np.abs(shape.curvature[:, i])))
+        limit = number(1e5 * float(shape.limit[i])) if np.isfinite(shape.limit[i]) else "none stated"
+        beyond = ", ".join(f"{a:.0f} to {b:.0f} m" for a, b in intervals(shape.arc_length, shape.exceeds[:, i]))
+        value = f"{number(1e5 * shape.curvature[at, i])} ± {number(3e5 * shape.std[at, i], 2)}"
+        rows.append([name, value, f"{shape.arc_length[at]:.1f}", limit, beyond or "nowhere"])
+    head = "beyond the limit" if shape.design is None else "farther from the design than its limit"
+    columns = table(["", "largest ±3σ [1e-5 rad/m]", "at [m]", "limit [1e-5 rad/m]", head], rows)
+    notes = "\n".join(f"- {plain_markdown(line)}" for line in shape.notes)
+    danger = "### A limit is passed" if shape.exceeds.any() else "### Deck shape"
+    length = float(np.ptp(shape.arc_length))
+    return "\n\n".join(
+        [danger, f"{len(shape.passes)} runs over {length:.1f} m ({shape.method}). {bend}", columns, notes]
+    )
 
 
 def plain_markdown(text: str) -> str:

@@ -7,8 +7,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from physics.interpolation import usual_interval
-from physics.units import ARCMIN
+from physics.interpolation import gap_starts, usual_interval
+from physics.units import ARCMIN, DEG
 from schemas.products import Innovations, Result, Score, Status
 from schemas.rig import FloatArray
 from schemas.trial import Trial
@@ -23,6 +23,9 @@ MISSED = 0.02  # share of the trial without an estimate from which on the reader
 COARSE = 1.0  # predicted sigma over the flexure's own: above it, the flexure of that axis is not seen
 SURPRISE = 8.0  # sigma of a single innovation that no noise explains
 DISAGREED = "disagreed"  # the word by which estimators say that two of their own sensors contradict each other
+TURNED = 15.0 * DEG  # static angle from which on it is no error of mounting
+SOON = 10.0  # s after a gap, in which a surprise may come of what happened there
+PARTLY = 0.9  # share of the estimate below which a reference did not see all of it
 EARLY = 10.0  # s, in which a filter may still be surprised by its start
 
 
@@ -61,10 +64,11 @@ def verdict(result: Result, trial: Trial) -> Verdict:
     """Judge a result by its covariance, references, innovations, coverage and status."""
     unused = _unused(result)
     torn = [] if result.scores else [line for line in unused if DISAGREED in line]
-    bad = [*_contradictions(result), *_unknown(result), *_surprises(result), *torn]
+    bad = [*_contradictions(result), *_unknown(result), *_surprises(result, trial), *torn]
     care = [
         *_coverage(result, trial),
         *(line for line in unused if line not in torn),
+        *_turned(result),
         *_coarse(result),
         *_weak(result),
         *_repaired(trial),
@@ -130,16 +134,21 @@ def _largest(result: Result) -> FloatArray:
 
 def _sure(result: Result) -> str:
     own = f"At any moment the whole angle is known to {minutes(sigma_of(result))} (one sigma, by its own covariance)"
-    told = [_comparison(score) for score in result.scores]
+    length = float(np.ptp(result.deformation.stamp)) * 1e-9 if len(result.deformation.stamp) else 0.0
+    told = [_comparison(score, length, flexure_std(result)) for score in result.scores]
     return f"{own}; " + ("; ".join(told) if told else "nothing in the log can confirm it") + "."
 
 
-def _comparison(score: Score) -> str:
+def _comparison(score: Score, length: float, bends: FloatArray) -> str:
+    """What a reference says. length: of the estimate, s. bends: (3,) rad, what it should be able to see."""
     name, worst = REFERENCE_NAMES[score.reference], float(ratio(score).max())
     word = "contradicts it" if worst > CONTRADICTED else "bears it out" if worst <= CONFIRMED else "agrees roughly"
     noise = score.reference_noise
+    if word != "contradicts it" and (noise > bends).any():
+        word = "is too uncertain itself to bear it out"
     of_it = f", of which {minutes(noise)} {name}'s own" if (noise > 0).any() else ""
-    return f"{name} {word} (RMSE {minutes(score.rmse)}{of_it})"
+    seen = f" over {score.duration:.0f} s of {length:.0f} s" if score.duration < PARTLY * length else ""
+    return f"{name} {word}{seen} (RMSE {minutes(score.rmse)}{of_it})"
 
 
 def _contradictions(result: Result) -> list[str]:
@@ -157,24 +166,46 @@ def _unknown(result: Result) -> list[str]:
     return [f"how well {', '.join(unknown)} is known could not be found"] if unknown else []
 
 
-def _surprises(result: Result) -> list[str]:
+def _surprises(result: Result, trial: Trial) -> list[str]:
     innovations = result.deformation.innovations
     found = surprise(innovations) if innovations is not None else None
     if found is None:
         return []
     when, size, name = found
-    return [f"something happened at t = {when:.0f} s that the model does not know: {name} off by {size:.0f} sigma"]
+    told = f"something happened at t = {when:.0f} s that the model does not know: {name} off by {size:.0f} sigma"
+    return [told + _after_gap(trial, when)]
+
+
+def _after_gap(trial: Trial, when: float) -> str:
+    """The gap of an IMU shortly before a surprise, if there is one: where samples are lost, clocks are set."""
+    for name, stamp in (("main IMU", trial.main.stamp), ("sub-IMU", trial.sub.stamp)):
+        ends = trial.seconds(stamp[gap_starts(stamp) + 1])
+        near = ends[(ends > when - SOON) & (ends < when + 1.0)]
+        if len(near):
+            return f", soon after the {name} fell silent until t = {near[-1]:.0f} s: its clock may have jumped there"
+    return ""
 
 
 def surprise(innovations: Innovations) -> tuple[float, float, str] | None:
     """Time (s), size (sigma) and channel of the largest innovation after the start; None if noise can explain it."""
-    values = np.where(np.isfinite(innovations.values), np.abs(innovations.values), 0.0)
+    values = _surprising(innovations)
     if not values.size:
         return None
-    values = np.where((innovations.t < innovations.t[0] + EARLY)[:, None], 0.0, values)
     row, column = np.unravel_index(int(values.argmax()), values.shape)
     size = float(values[row, column])
     return (float(innovations.t[row]), size, innovations.names[column]) if size > SURPRISE else None
+
+
+def surprise_times(innovations: Innovations) -> FloatArray:
+    """Times (k,) s of all innovations that no noise explains."""
+    values = _surprising(innovations)
+    return innovations.t[(values > SURPRISE).any(axis=1)] if values.size else np.zeros(0)
+
+
+def _surprising(innovations: Innovations) -> FloatArray:
+    """Sizes (n, m) sigma, zero where unknown and while a filter finds its start."""
+    values = np.where(np.isfinite(innovations.values), np.abs(innovations.values), 0.0)
+    return np.where((innovations.t < innovations.t[:1] + EARLY)[:, None], 0.0, values)
 
 
 def _coverage(result: Result, trial: Trial) -> list[str]:
@@ -187,6 +218,13 @@ def _coverage(result: Result, trial: Trial) -> list[str]:
 def _unused(result: Result) -> list[str]:
     """Measurements the estimator had but did not trust."""
     return [line for line in result.deformation.used if "not used" in line]
+
+
+def _turned(result: Result) -> list[str]:
+    size = float(np.linalg.norm(static_angle(result.deformation).value))
+    if not size > TURNED:
+        return []
+    return [f"the sub-IMU stands turned by {size / DEG:.1f}° in all: are its axes declared as they are mounted?"]
 
 
 def _coarse(result: Result) -> list[str]:

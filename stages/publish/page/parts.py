@@ -12,6 +12,7 @@ from schemas.products import DeckShape, Deformation, Estimate, Score
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial
 from stages.publish.axis import Axis, decades_of, span_of, time_axis
+from stages.publish.deck_line import design_line, measured_line
 from stages.publish.page.figure import BLUE, GREEN, GREY, ORANGE, RED, Band, Line, Plot, plot, plots
 from stages.publish.page.html import Html, join
 from stages.publish.reference import reference_angles
@@ -190,7 +191,7 @@ def _correlations(d: Deformation, theta: FloatArray, rate: float) -> Html:
 
 def deck_plots(shape: DeckShape) -> Html:
     """Curvatures and torsion along the path with every run, limits and danger zones; the line they bend."""
-    return join([*(plot(_deck_plot(shape, i)) for i in range(3)), plot(_line_plot(shape))])
+    return join([*(plot(_deck_plot(shape, i)) for i in range(3)), *(plot(_line_plot(shape, i)) for i in (1, 0))])
 
 
 def _deck_plot(shape: DeckShape, i: int) -> Plot:
@@ -215,13 +216,19 @@ def _deck_plot(shape: DeckShape, i: int) -> Plot:
     return Plot(CURVES[i], x, y, parts, zones, 190.0, zone_name="beyond the limit")
 
 
-def _line_plot(shape: DeckShape) -> Plot:
-    s, height = shape.arc_length, 1e3 * (shape.line[:, 2] - shape.line[0, 2])
+def _line_plot(shape: DeckShape, i: int) -> Plot:
+    """The line over its chord, sideways (0) or upwards (1), beside the design's where one is stated."""
+    s, measured, design = shape.arc_length, measured_line(shape)[:, i], design_line(shape)
     x = Axis(float(s[0]), float(s[-1]), "arc length along the path [m]")
-    zones = [(a, b) for a, b in intervals(s, np.asarray(shape.exceeds.any(axis=1)))]
-    parts = [Line(s, np.zeros_like(s), GREY, "straight", 1.0, True), Line(s, height, BLUE, "as bent", 2.0)]
-    y = Axis(*span_of([height]), "height [mm]")
-    return Plot("Deck line, straight on from its start and as bent", x, y, parts, zones, 170.0)
+    lines = [Line(s, np.zeros_like(s), GREY, "straight", 1.0, True)]
+    if design is not None:
+        lines.append(Line(s, 1e3 * design[:, i], GREEN, "design", 1.2, dashed=True))
+    lines.append(Line(s, 1e3 * measured, BLUE, "as bent", 2.0))
+    y = Axis(*span_of([line.y for line in lines]), ("to starboard [mm]", "upwards [mm]")[i])
+    over = shape.exceeds[:, (2, 0)[i]]  # curvature about z bends sideways, about x upwards
+    zones = [(a, b) for a, b in intervals(s, over)]
+    title = f"Deck line over the chord of its ends, {('sideways', 'upwards')[i]}"
+    return Plot(title, x, y, lines, zones, 170.0, zone_name="beyond the limit")
 
 
 def motion_plot(trial: Trial, series: ImuSeries, name: str, x: Axis) -> Plot:

@@ -53,6 +53,7 @@ footer { margin-top: 2.4rem; border-top: 1px solid #d6dbe1; color: #667080; font
   @bottom-right { content: counter(page) " / " counter(pages); font: 8pt sans-serif; color: #667080; } }
 @media print {
   body { padding: 0; max-width: none; font-size: 10pt; } h1 { font-size: 17pt; } .table { overflow: visible; }
-  h2, h3, figcaption { break-after: avoid; } tr, .table, .verdict, figure { break-inside: avoid; } a { color: inherit; }
+  h2, h2 + p, h3, figcaption { break-after: avoid; } figure { margin: .6rem 0 .8rem; }
+  tr, .table, .verdict, figure { break-inside: avoid; } a { color: inherit; }
 }
 """

@@ -13,7 +13,7 @@ from schemas.rig import FloatArray
 from schemas.trial import IntArray
 from stages.publish.document import accuracy_text
 from stages.publish.recording import layout
-from stages.publish.recording.overview import error_view
+from stages.publish.recording.overview import KEY_SHARE, error_view, key, surprises_of
 from stages.publish.recording.scene import (
     AXES,
     AXIS_COLOURS,
@@ -21,6 +21,7 @@ from stages.publish.recording.scene import (
     GREEN,
     GREY,
     ORANGE,
+    RED,
     REFERENCE_NAMES,
     SLOW_RATE,
     Colour,
@@ -28,12 +29,13 @@ from stages.publish.recording.scene import (
     channel_stamps,
     stride,
 )
-from stages.publish.recording.stream import send_lines, send_states
+from stages.publish.recording.stream import send_band, send_lines, send_states, thin_extremes
 
 WINDOW = 60.0  # s, of the RMS over time
-DATA, GAP, STILL, MOVING = "data", "gap", "lying still", "under way"
-LANE_COLOURS: dict[str, Colour] = {DATA: GREEN, GAP: (214, 60, 60), STILL: BLUE, MOVING: GREY}
-DIM_COLOURS: tuple[Colour, ...] = ((140, 70, 68), (70, 120, 70), (66, 92, 145))
+INNOVATIONS_SHOWN = (4.5, 30.0)  # least and largest limit of their plot
+DATA, GAP, STILL, MOVING, UNEXPECTED = "data", "gap", "lying still", "under way", "unexpected"
+LANE_COLOURS: dict[str, Colour] = {DATA: GREEN, GAP: RED, STILL: BLUE, MOVING: GREY, UNEXPECTED: ORANGE}
+EVENT_SHOWN = 0.01  # share of the trial that an event takes in its lane
 PALETTE: tuple[Colour, ...] = (*AXIS_COLOURS, ORANGE, (170, 110, 210), (90, 190, 190))
 
 
@@ -42,40 +44,70 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
     innovations = scene.deformation.innovations
     if innovations is not None and len(innovations.t):
         _log_innovations(rec, scene, innovations)
-    for score in scene.scores[:1]:
-        stamp, rms = windowed_rms(score.stamp, score.error, WINDOW)
-        names = [f"{REFERENCE_NAMES[score.reference]} {axis}" for axis in AXES]
-        send_lines(rec, f"rms/{score.reference}", stamp, scene.trial.epoch, rms / ARCMIN, names, AXIS_COLOURS)
-    slow = stride(scene.deformation.stamp, SLOW_RATE)
-    names = [f"predicted 1σ {axis}" for axis in AXES]
-    stamp, sigma = scene.deformation.stamp[::slow], scene.sigma[::slow] / ARCMIN
-    send_lines(rec, "rms/predicted", stamp, scene.trial.epoch, sigma, names, DIM_COLOURS, 1.0)
+    _log_rms(rec, scene)
     _log_lanes(rec, scene)
     rec.log("accuracy", rr.TextDocument(accuracy_text(scene.result), media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def tab(scene: Scene) -> rrb.Container:
     """Errors and innovations on the left, RMS, lanes and table on the right."""
-    left: list[object] = [error_view(scene, axis, axis == 0) for axis in range(3)] if scene.scores else []
-    if scene.deformation.innovations is not None:
-        name = "Innovations, standardised (±3 expected) [1]"
-        left.append(layout.time_view(scene, name, ["innovations"], y_range=(-6.0, 6.0)))
-    entities = ["rms/predicted", *(f"rms/{score.reference}" for score in scene.scores[:1])]
-    right = [
-        layout.time_view(scene, f"RMS error over {WINDOW:.0f} s and predicted 1σ [arcmin]", entities),
-        layout.lanes(scene, "Phases and gaps", "lanes"),
-        rrb.TextDocumentView(origin="accuracy", name="Accuracy in figures"),
-    ]
-    columns = [rrb.Vertical(*left)] if left else []  # type: ignore[arg-type]
-    return rrb.Horizontal(*columns, rrb.Vertical(*right, row_shares=[1.7, 1.9, 3.0]), name="Accuracy")
+    left: list[object] = [key(), *(error_view(scene, axis) for axis in range(3))] if scene.scores else []
+    innovations = scene.deformation.innovations
+    if innovations is not None and len(innovations.t):
+        name = "Innovations, standardised, ±3 expected [1]"
+        entities = ["innovation_bound", "innovations"]
+        left.append(layout.time_view(scene, name, entities, innovation_range(innovations)))
+    lanes = layout.lanes(scene, "Phases and gaps", "lanes")
+    right = [rms_view(scene), lanes, rrb.TextDocumentView(origin="accuracy", name="Accuracy in figures")]
+    shares = [KEY_SHARE, 3.0, 3.0, 3.0, 3.0][: len(left)] if scene.scores else None
+    columns = [rrb.Vertical(*left, row_shares=shares)] if left else []  # type: ignore[arg-type]
+    return rrb.Horizontal(*columns, rrb.Vertical(*right, row_shares=[1.9, 2.3, 2.6]), name="Accuracy")
+
+
+def rms_view(scene: Scene) -> rrb.TimeSeriesView:
+    """RMS error in the course of time in units of its budget; the standard deviation where there is no reference."""
+    if not scene.scores:
+        return layout.time_view(scene, "Predicted 1σ [arcmin]", ["rms/predicted"])
+    window, name = window_of(scene), REFERENCE_NAMES[scene.scores[0].reference]
+    title = f"RMS error over {window:.0f} s against {name}, 1 = expected [expected RMS]"
+    return layout.time_view(scene, title, ["rms/expected", "rms/over_budget"])
+
+
+def innovation_range(innovations: Innovations) -> tuple[float, float]:
+    """Limits that show all innovations, but never so wide that their usual size is lost."""
+    largest = float(np.nanmax(np.abs(innovations.values), initial=0.0))
+    reach = float(np.clip(1.1 * largest, *INNOVATIONS_SHOWN))
+    return -reach, reach
+
+
+def window_of(scene: Scene) -> float:
+    """Length (s) of the windows of the RMS: a minute, less in a short trial."""
+    start, end = scene.span
+    return float(np.clip((end - start) / 20.0, 5.0, WINDOW))
+
+
+def _log_rms(rec: rr.RecordingStream, scene: Scene) -> None:
+    epoch, slow = scene.trial.epoch, stride(scene.deformation.stamp, SLOW_RATE)
+    if not scene.scores:
+        stamp, sigma = scene.deformation.stamp[::slow], scene.sigma[::slow] / ARCMIN
+        send_lines(rec, "rms/predicted", stamp, epoch, sigma, [f"predicted 1σ {axis}" for axis in AXES], AXIS_COLOURS)
+        return
+    score = scene.scores[0]
+    budget = np.hypot(score.predicted, score.reference_noise)
+    stamp, rms = windowed_rms(score.stamp, score.error, window_of(scene))
+    share = np.divide(rms, budget, out=np.full_like(rms, np.nan), where=np.isfinite(budget) & (budget > 0))
+    send_lines(rec, "rms/over_budget", stamp, epoch, share, AXES, AXIS_COLOURS)
+    ends = score.stamp[[0, -1]]
+    send_lines(rec, "rms/expected", ends, epoch, np.ones((2, 1)), ["expected"], [GREY], 1.0)
 
 
 def _log_innovations(rec: rr.RecordingStream, scene: Scene, innovations: Innovations) -> None:
     stamp = scene.trial.epoch + np.round(innovations.t * 1e9).astype(np.int64)
     colours = [PALETTE[i % len(PALETTE)] for i in range(len(innovations.names))]
-    every = stride(stamp, scene.rate)
-    values = innovations.values[::every]
-    send_lines(rec, "innovations", stamp[::every], scene.trial.epoch, values, innovations.names, colours, 1.0)
+    at, values = thin_extremes(stamp, innovations.values, stride(stamp, scene.rate))
+    send_lines(rec, "innovations", at, scene.trial.epoch, values, innovations.names, colours, 1.0)
+    zero = np.zeros((2, 1))
+    send_band(rec, "innovation_bound", stamp[[0, -1]], scene.trial.epoch, zero, zero + 3.0, ["±3"], [GREY], "1")
 
 
 def windowed_rms(stamp: IntArray, error: FloatArray, window: float) -> tuple[IntArray, FloatArray]:
@@ -94,12 +126,26 @@ def _log_lanes(rec: rr.RecordingStream, scene: Scene) -> None:
         send_states(rec, f"lanes/{name}", at, scene.trial.epoch, states, {k: LANE_COLOURS[k] for k in (DATA, GAP)})
     at, states = data_lane(scene.deformation.stamp)
     send_states(rec, "lanes/estimate", at, scene.trial.epoch, states, {k: LANE_COLOURS[k] for k in (DATA, GAP)})
+    events = surprises_of(scene)
+    if len(events):
+        stamp, states = event_lane(events, scene)
+        send_states(rec, "lanes/unexpected", stamp, scene.trial.epoch, states, {UNEXPECTED: LANE_COLOURS[UNEXPECTED]})
     phases = scene.deformation.alignment.static_phases
     if len(phases):
         times, states = phase_lane(phases, scene.span)
         stamp = scene.trial.epoch + np.round(times * 1e9).astype(np.int64)
         colours = {k: LANE_COLOURS[k] for k in (STILL, MOVING)}
         send_states(rec, "lanes/ship", stamp, scene.trial.epoch, states, colours)
+
+
+def event_lane(events: FloatArray, scene: Scene) -> tuple[IntArray, list[str]]:
+    """Stamps and states: unexpected around each event (s), long enough to be seen, nothing between them."""
+    start, end = scene.span
+    wide = EVENT_SHOWN * (end - start)
+    groups = np.split(events, np.flatnonzero(np.diff(events) > wide) + 1)
+    t = np.array([edge for group in groups for edge in (group[0], group[-1] + wide)])
+    stamp = scene.trial.epoch + np.round(t * 1e9).astype(np.int64)
+    return stamp, [UNEXPECTED, ""] * len(groups)
 
 
 def data_lane(stamp: IntArray, pause: str = GAP) -> tuple[IntArray, list[str]]:

@@ -18,6 +18,7 @@ from stages.publish.axis import Axis
 from stages.publish.recording.scene import Colour
 
 WIDTH, HEIGHT = 160.0, 80.0
+KEY_HEIGHT, KEY_SPACE = 5.0, 4.0
 MARGIN = (14.0, 7.0, 26.0, 12.0)  # left, top, right, bottom
 FRAME: Colour = (120, 120, 125)
 GRID: Colour = (58, 58, 62)
@@ -131,7 +132,7 @@ def _log_frame(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     below, beside = [(x, base - 0.5) for x in xs], [(low - 6.0, y - 2.5) for y in ys]
     write_texts(rec, f"{entity}/ticks_x", below, [chart.x.text(t) for t in chart.x.ticks()])
     write_texts(rec, f"{entity}/ticks_y", beside, [chart.y.text(t) for t in chart.y.ticks()])
-    labels = [(0.5 * (low + high), chart.height - 9.0), (low + 0.5 * len(chart.y.label), 0.5)]
+    labels = [(0.5 * (low + high), chart.height - 6.5), (low + 0.5 * len(chart.y.label), 0.5)]
     write_texts(rec, f"{entity}/labels", labels, [chart.x.label, chart.y.label])
 
 
@@ -140,6 +141,22 @@ def _log_legend(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     places = [(WIDTH - 0.5 * MARGIN[2], MARGIN[1] + 5.5 * row) for row in range(len(named))]
     if named:
         write_texts(rec, f"{entity}/legend", places, [c.name for c in named], [c.colour for c in named])
+
+
+def key_view(entity: str, name: str) -> rrb.Spatial2DView:
+    """The view of a key: one row of words."""
+    bounds = rrb.VisualBounds2D(x_range=[0.0, WIDTH], y_range=[0.0, KEY_HEIGHT])
+    return rrb.Spatial2DView(
+        origin=entity, name=name, visual_bounds=bounds, background=rrb.Background(color=[22, 22, 26])
+    )
+
+
+def log_key(rec: rr.RecordingStream, entity: str, names: Sequence[tuple[str, Colour]]) -> None:
+    """What the colours of the lines mean, in words of those colours: a legend within a plot would hide its end."""
+    widths = np.array([len(name) + KEY_SPACE for name, _ in names], dtype=float)
+    widths *= min(1.0, WIDTH / max(float(widths.sum()), 1.0))
+    places = [(x, 0.0) for x in np.cumsum(widths) - 0.5 * widths]
+    write_texts(rec, entity, places, [name for name, _ in names], [colour for _, colour in names])
 
 
 def write_texts(

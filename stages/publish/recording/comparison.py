@@ -16,7 +16,8 @@ from schemas.trial import Trial, Truth
 from stages.publish.axis import span_of
 from stages.publish.document import number, table
 from stages.publish.recording import layout
-from stages.publish.recording.overview import of_axis
+from stages.publish.recording.chart import log_key
+from stages.publish.recording.overview import KEY_SHARE, key, of_axis
 from stages.publish.recording.scene import (
     AXES,
     BLUE,
@@ -50,6 +51,8 @@ def write_comparison(
 
 def _log(rec: rr.RecordingStream, scenes: Sequence[Scene]) -> None:
     _log_reference(rec, scenes[0])
+    named = [(REFERENCE_NAMES[score.reference], GREY) for score in scenes[0].scores[:1]]
+    log_key(rec, "key", [*named, *((s.deformation.estimator, colour_of(i)) for i, s in enumerate(scenes))])
     for index, scene in enumerate(scenes):
         _log_estimator(rec, scene, colour_of(index))
     for axis, name in enumerate("xyz"):
@@ -69,7 +72,8 @@ def tabs(scenes: Sequence[Scene]) -> list[rrb.Container]:
     """Per axis all estimates and all errors with the table beside; RMSE as bars where there is a reference."""
     rows = [rrb.Horizontal(*_axis_views(scenes, axis)) for axis in range(3)]
     side = rrb.TextDocumentView(origin="rmse", name="In figures")
-    curves = rrb.Horizontal(rrb.Vertical(*rows), side, column_shares=[3.0, 1.0], name="Comparison")
+    left = rrb.Vertical(key(), *rows, row_shares=[KEY_SHARE, 3.0, 3.0, 3.0])
+    curves = rrb.Horizontal(left, side, column_shares=[3.0, 1.0], name="Comparison")
     if not scenes[0].scores:
         return [curves]
     height = bars_height(max(len(scenes), 4))
@@ -115,7 +119,7 @@ def _axis_views(scenes: Sequence[Scene], axis: int) -> list[rrb.View]:
     entities = of_axis([*over, *(f"deformation/{name}" for name in names)], axis)
     title = f"Deformation {AXES[axis]} [arcmin]"
     limits = usual_range([scene.deformation.total[:, axis] / ARCMIN for scene in scenes])
-    views: list[rrb.View] = [layout.time_view(scenes[0], title, entities, limits, legend=axis == 0)]
+    views: list[rrb.View] = [layout.time_view(scenes[0], title, entities, limits, legend=False)]
     if scenes[0].scores:
         title = f"Error {AXES[axis]} against {REFERENCE_NAMES[scenes[0].scores[0].reference]} [arcmin]"
         entities = of_axis([f"error/{name}" for name in names], axis)

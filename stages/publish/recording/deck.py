@@ -11,16 +11,18 @@ import rerun.blueprint as rrb
 from schemas.products import DeckPass, DeckShape
 from schemas.rig import FloatArray
 from stages.publish.axis import Axis, span_of
-from stages.publish.recording.chart import Chart, Curve, chart_view, log_chart
-from stages.publish.recording.scene import BLUE, GREY, RED, Colour, Scene
-from stages.publish.recording.ship import straight_path
+from stages.publish.deck_line import design_line, measured_line
+from stages.publish.document import deck_text
+from stages.publish.recording.chart import FRAME, Chart, Curve, chart_view, log_chart
+from stages.publish.recording.scene import BLUE, GREEN, RED, Colour, Scene
 from stages.publish.summary import intervals
 
 CURVES = (("vertical", "Vertical curvature (about x)"), ("torsion", "Torsion (about y)"),
           ("horizontal", "Horizontal curvature (about z)"))  # fmt: skip
+LINES = (("sideways", "sideways"), ("height", "upwards"))
 UNIT = 1e-5  # rad/m, of the axis
 RUN_COLOURS: tuple[Colour, ...] = (
-    (110, 150, 130), (150, 130, 110), (130, 115, 150), (115, 140, 155), (150, 115, 130), (135, 150, 115),
+    (100, 190, 140), (215, 165, 95), (175, 130, 225), (100, 190, 215), (225, 120, 165), (180, 205, 95),
 )  # fmt: skip
 BAND: Colour = (90, 120, 170)
 MAX_RUNS_NAMED = 6
@@ -32,15 +34,21 @@ def log(rec: rr.RecordingStream, shape: DeckShape) -> None:
     for axis, (name, _) in enumerate(CURVES):
         log_chart(rec, f"deck/{name}", curve_chart(shape, axis))
         log_chart(rec, f"deck/{name}_runs", runs_chart(shape, axis))
-    log_chart(rec, "deck/line", line_chart(shape))
+    for axis, (entity, _) in enumerate(LINES):
+        log_chart(rec, f"deck/{entity}", line_chart(shape, axis))
+    rec.log("deck/figures", rr.TextDocument(deck_text(shape), media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def tab(scene: Scene) -> rrb.Container:
-    """Curves above, the runs against them below, the line at the foot."""
+    """Curves above, the runs against them below, the line they bend and the figures at the foot."""
     curves = [chart_view(f"deck/{name}", f"{title} [1e-5 rad/m]") for name, title in CURVES]
     runs = [chart_view(f"deck/{name}_runs", f"Each run minus all, {name} [1e-5 rad/m]") for name, _ in CURVES]
-    line = chart_view("deck/line", "Deformed line against straight, z [mm]")
-    rows = (rrb.Horizontal(*curves), rrb.Horizontal(*runs), line)
+    shape = scene.result.deck_shape
+    against = "straight" if shape is None or shape.design is None else "design and straight"
+    titles = [(entity, f"Deformed line against {against}, {way} [mm]") for entity, way in reversed(LINES)]
+    lines = [chart_view(f"deck/{entity}", title) for entity, title in titles]
+    figures = rrb.TextDocumentView(origin="deck/figures", name="Deck shape in figures")
+    rows = (rrb.Horizontal(*curves), rrb.Horizontal(*runs), rrb.Horizontal(*lines, figures))
     return rrb.Vertical(*rows, name="Deck shape")
 
 
@@ -66,7 +74,7 @@ def curve_chart(shape: DeckShape, axis: int) -> Chart:
     curves += [Curve(s, k + sign * 3 * sigma, BAND, "all runs ±3σ" if sign > 0 else "", 1.0) for sign in (1, -1)]
     curves.append(Curve(s, k, BLUE, "all runs", 2.5))
     if shape.design is not None:
-        curves.append(Curve(s, design, GREY, "design", 1.0, dashed=True))
+        curves.append(Curve(s, design, GREEN, "design", 1.5, dashed=True))
     if np.isfinite(limit):
         curves += [Curve(s, design + sign * limit, RED, "limit" if sign > 0 else "", 1.5, True) for sign in (1, -1)]
         shown += [design + 1.1 * limit, design - 1.1 * limit]
@@ -94,11 +102,15 @@ def averaged(s: FloatArray, k: FloatArray, points: int) -> tuple[FloatArray, Flo
     return np.add.reduceat(s[order], starts) / counts, np.add.reduceat(k[order], starts) / counts
 
 
-def line_chart(shape: DeckShape) -> Chart:
-    """Height of the bent line over the straight path, in mm."""
-    s = shape.arc_length
-    height = 1e3 * (shape.line - straight_path(shape))[:, 2]
-    low, high = span_of([height])
-    curves = [Curve(s, np.zeros_like(s), GREY, "straight", 1.0, True), Curve(s, height, BLUE, "measured", 2.5)]
-    zones = [(a, b) for a, b in intervals(s, np.asarray(shape.exceeds.any(axis=1)))]
-    return Chart(Axis(float(s[0]), float(s[-1]), "arc length [m]"), Axis(low, high, "height [mm]"), curves, zones)
+def line_chart(shape: DeckShape, axis: int) -> Chart:
+    """The line over its chord in mm, sideways (axis 0) or upwards (1); the design beside it where one is stated."""
+    s, measured, design = shape.arc_length, 1e3 * measured_line(shape)[:, axis], design_line(shape)
+    curves = [Curve(s, np.zeros_like(s), FRAME, "straight", 1.0, True)]
+    if design is not None:
+        curves.append(Curve(s, 1e3 * design[:, axis], GREEN, "design", 1.5, dashed=True))
+    curves.append(Curve(s, measured, BLUE, "measured", 2.5))
+    low, high = span_of([curve.y for curve in curves])
+    label = "above the chord [mm]" if axis else "to starboard of the chord [mm]"
+    over = shape.exceeds[:, (2, 0)[axis]]  # curvature about z bends sideways, about x upwards
+    x = Axis(float(s[0]), float(s[-1]), "arc length [m]")
+    return Chart(x, Axis(low, high, label), curves, [(a, b) for a, b in intervals(s, over)])

@@ -8,6 +8,7 @@ from uuid import UUID, uuid5
 import rerun as rr
 import rerun.blueprint as rrb
 
+from stages.publish.axis import legible
 from stages.publish.recording.scene import Scene
 from stages.publish.recording.stream import TRIAL
 
@@ -88,7 +89,7 @@ def lines_view(
         contents=list(entities),
         name=name,
         axis_x=axis,
-        axis_y=rrb.ScalarAxis(range=y_range) if y_range else None,
+        axis_y=rrb.ScalarAxis(range=legible(*y_range)) if y_range else None,
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
     )
 

@@ -14,7 +14,16 @@ from schemas.trial import GnssSeries, Trial
 from stages.publish.axis import Axis, span_of
 from stages.publish.document import summary_text
 from stages.publish.recording import layout, ship
-from stages.publish.recording.chart import MARGIN, WIDTH, Chart, Curve, chart_view, log_chart
+from stages.publish.recording.chart import (
+    MARGIN,
+    WIDTH,
+    Chart,
+    Curve,
+    chart_view,
+    key_view,
+    log_chart,
+    log_key,
+)
 from stages.publish.recording.scene import (
     AXES,
     BLUE,
@@ -25,16 +34,19 @@ from stages.publish.recording.scene import (
     REFERENCE_NAMES,
     RMSE_COLOURS,
     SLOW_RATE,
+    Colour,
     Scene,
     channel_stamps,
     stride,
 )
 from stages.publish.recording.stream import send_axes, send_bands, thin_extremes
 from stages.publish.reference import reference_angles
-from stages.publish.verdict import verdict
+from stages.publish.verdict import surprise_times, verdict
 
 ESTIMATE = "deformation/estimate"
+ALLOWED: Colour = (150, 112, 78)
 TRACK_HEIGHT = 74.0
+KEY_SHARE = 0.7  # of a column whose plots have 3
 MOST_LANES = 5
 FEW = 10  # every how many samples of a reference are looked at for its limits
 SHORT = 0.02  # share of the trial that a record may miss at its ends
@@ -47,6 +59,7 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
     for score in scene.scores:
         _log_reference(rec, scene, score)
         _log_error(rec, scene, score)
+    log_key(rec, "key", colours_of(scene))
     ship.log(rec, scene)
     if has_track(scene.trial):
         log_chart(rec, "track", track_chart(scene.trial))
@@ -56,10 +69,10 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
 
 def tab(scene: Scene) -> rrb.Container:
     """Per axis estimate and error on the left, above the data there were; verdict, ship and track on the right."""
-    rows = [rrb.Horizontal(estimate_view(scene, axis), error_view(scene, axis, axis == 0)) for axis in range(3)]
+    rows = [rrb.Horizontal(estimate_view(scene, axis), error_view(scene, axis)) for axis in range(3)]
     lanes = [f"$origin/{name}" for name in lanes_told(scene)]
     below = layout.lanes(scene, "Data, gaps and phases", "lanes", lanes)
-    left = rrb.Vertical(*rows, below, row_shares=[3.0, 3.0, 3.0, 0.8 + 0.5 * len(lanes)])
+    left = rrb.Vertical(key(), *rows, below, row_shares=[KEY_SHARE, 3.0, 3.0, 3.0, 0.8 + 0.5 * len(lanes)])
     side: list[object] = [rrb.TextDocumentView(origin="summary", name="Summary"), ship.view(scene)]
     if has_track(scene.trial):
         side.append(chart_view("track", "GNSS track [km]", TRACK_HEIGHT))
@@ -68,10 +81,25 @@ def tab(scene: Scene) -> rrb.Container:
     return rrb.Horizontal(left, right, column_shares=[1.85, 1.0], name="Overview")
 
 
+def key() -> rrb.View:
+    """What the colours of estimates, references and errors mean."""
+    return key_view("key", "Colours: deformation on the left, its error on the right")
+
+
+def colours_of(scene: Scene) -> list[tuple[str, Colour]]:
+    """Names of the lines of the tab, with their colours."""
+    references = [(REFERENCE_NAMES[s.reference], REFERENCE_COLOURS[s.reference]) for s in scene.scores]
+    running = [(f"RMSE so far, {REFERENCE_NAMES[s.reference]}", RMSE_COLOURS[s.reference]) for s in scene.scores]
+    allowed = [(f"±3σ with {REFERENCE_NAMES[s.reference]}'s own", ALLOWED) for s in scene.scores
+               if (s.reference_noise > 0).any()]  # fmt: skip
+    return [("estimate ±3σ", BLUE), *references, ("±3σ of the estimate", GREY), *allowed, *running]
+
+
 def lanes_told(scene: Scene) -> list[str]:
-    """Lanes worth a glance: the estimate, the ship's phases, and units whose record has gaps or ends early."""
+    """Lanes worth a glance: the estimate, what surprised it, the ship's phases, units with gaps or an early end."""
     start, end = scene.span
-    told = ["estimate", *(["ship"] if len(scene.deformation.alignment.static_phases) else [])]
+    told = ["estimate", *(["unexpected"] if len(surprises_of(scene)) else [])]
+    told += ["ship"] if len(scene.deformation.alignment.static_phases) else []
     for name, stamp in channel_stamps(scene.trial).items():
         t = scene.trial.seconds(stamp[[0, -1]])
         whole = t[0] - start < SHORT * (end - start) and end - t[1] < SHORT * (end - start)
@@ -79,18 +107,29 @@ def lanes_told(scene: Scene) -> list[str]:
     return told[:MOST_LANES]
 
 
+def surprises_of(scene: Scene) -> FloatArray:
+    """Times (k,) s at which an innovation was so large that the verdict speaks of it."""
+    innovations = scene.deformation.innovations
+    return surprise_times(innovations) if innovations is not None else np.zeros(0)
+
+
 def estimate_view(scene: Scene, axis: int) -> rrb.TimeSeriesView:
     """Estimate with +-3 sigma, and each reference."""
     entities = [ESTIMATE, *(f"deformation/{score.reference}" for score in scene.scores)]
     name = f"Deformation {AXES[axis]} ±3σ [arcmin]"
-    return layout.time_view(scene, name, of_axis(entities, axis), angle_range(scene, axis), legend=axis == 0)
+    return layout.time_view(scene, name, of_axis(entities, axis), angle_range(scene, axis), False)
 
 
-def error_view(scene: Scene, axis: int, legend: bool = True) -> rrb.TimeSeriesView:
+def error_view(scene: Scene, axis: int) -> rrb.TimeSeriesView:
     """Error against each reference, the estimate's own +-3 sigma, and the RMSE so far."""
-    entities = ["error/bound", *(f"{kind}/{s.reference}" for kind in ("error", "running_rmse") for s in scene.scores)]
+    allowed = [f"error/allowed/{s.reference}" for s in scene.scores if (s.reference_noise > 0).any()]
+    entities = [
+        *allowed,
+        "error/bound",
+        *(f"{kind}/{s.reference}" for kind in ("error", "running_rmse") for s in scene.scores),
+    ]
     name = f"Error {AXES[axis]}, RMSE so far [arcmin]" if scene.scores else f"Uncertainty {AXES[axis]} ±3σ [arcmin]"
-    return layout.time_view(scene, name, of_axis(entities, axis), error_range(scene, axis), legend)
+    return layout.time_view(scene, name, of_axis(entities, axis), error_range(scene, axis), False)
 
 
 def angle_range(scene: Scene, axis: int) -> tuple[float, float]:
@@ -106,7 +145,8 @@ def angle_range(scene: Scene, axis: int) -> tuple[float, float]:
 def error_range(scene: Scene, axis: int) -> tuple[float, float]:
     """Limits that show errors and band whole; a band much wider than the errors is cut."""
     errors = [score.error[:, axis] / ARCMIN for score in scene.scores]
-    low, high = span_of(errors)
+    running = [running_rmse(score.error[::FEW, axis, None])[:, 0] / ARCMIN for score in scene.scores]
+    low, high = span_of([*errors, *running])
     band = 3 * scene.sigma[:, axis] / ARCMIN
     reach = 1.15 * float(np.nanmax(band)) if np.isfinite(band).any() else 1.0
     reach = min(reach, 3.0 * max(-low, high)) if errors else reach
@@ -140,6 +180,8 @@ def _log_reference(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
 
 def _log_error(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
     colour, who = REFERENCE_COLOURS[score.reference], REFERENCE_NAMES[score.reference]
+    if (score.reference_noise > 0).any():
+        _log_allowed(rec, scene, score)
     stamp, error = thin_extremes(score.stamp, score.error / ARCMIN, stride(score.stamp, scene.rate))
     send_axes(rec, f"error/{score.reference}", stamp, scene.trial.epoch, error, f"against {who}", colour)
     slow = stride(score.stamp, SLOW_RATE)
@@ -148,8 +190,17 @@ def _log_error(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
     send_axes(rec, entity, stamp, scene.trial.epoch, running, f"RMSE, {who}", tint, 2.5)
 
 
+def _log_allowed(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
+    """+-3 sigma of estimate and reference together: an error within it contradicts neither."""
+    d, slow = scene.deformation, stride(scene.deformation.stamp, SLOW_RATE)
+    bound = 3 * np.hypot(scene.sigma[::slow], score.reference_noise) / ARCMIN
+    zero, name = np.zeros_like(bound), f"±3σ with {REFERENCE_NAMES[score.reference]}'s own"
+    entity = f"error/allowed/{score.reference}"
+    send_bands(rec, entity, d.stamp[::slow], scene.trial.epoch, zero, bound, name, ALLOWED, "arcmin")
+
+
 def running_rmse(error: FloatArray) -> FloatArray:
-    """RMS (n, 3) of all errors up to and including each, per axis."""
+    """RMS (n, k) of all errors up to and including each, per axis."""
     out = error**2
     np.cumsum(out, axis=0, out=out)
     out /= np.arange(1, len(error) + 1)[:, None]

@@ -74,4 +74,4 @@ def tab(scene: Scene) -> rrb.Container:
         layout.lanes(scene, "Gaps", "lanes"),
     )
     columns = rrb.Horizontal(rrb.Vertical(*gyros), rrb.Vertical(*accels))
-    return rrb.Vertical(columns, clocks, row_shares=[3.0, 1.0], name="Sensors")
+    return rrb.Vertical(columns, clocks, row_shares=[2.4, 1.0], name="Sensors")

@@ -14,6 +14,7 @@ from stages.publish.recording.stream import times_of
 SCHEMATIC_LEVER = np.array([0.0, 30.0, 0.0])  # m, drawn where the lever arm is not known
 SHOWN_SHARE = 0.12  # of the line's length, at the largest bend shown
 LINE_POINTS = 13
+LABEL_ASIDE = 0.12  # of the distance between the units
 MOVING_RATE = 2.0  # Hz
 DECK: Colour = (110, 125, 140)
 HULL: Colour = (62, 70, 80)
@@ -98,11 +99,12 @@ def _log_units(rec: rr.RecordingStream, scene: Scene, lever: FloatArray, known: 
         centers=[np.zeros(3), lever],
         half_sizes=[[size] * 3] * 2,
         colors=[BLUE, ORANGE],
-        labels=names,
         fill_mode=rr.components.FillMode.Solid,
-        show_labels=True,
     )
     rec.log("ship/imu", boxes, static=True)
+    aside = np.array([0.0, 0.0, LABEL_ASIDE * float(np.linalg.norm(lever))])  # off the line that bends between them
+    labels = rr.Points3D([-aside, lever + aside], labels=names, colors=[BLUE, ORANGE], radii=0.01, show_labels=True)
+    rec.log("ship/imu_names", labels, static=True)
     straight = rr.LineStrips3D([[np.zeros(3), lever]], colors=[GREY], radii=rr.Radius.ui_points(0.7))
     rec.log("ship/straight", straight, static=True)
 
@@ -174,7 +176,7 @@ def view(scene: Scene) -> rrb.Spatial3DView:
     middle, reach = 0.5 * (low + high), float(high[1] - low[1])
     eye = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=middle + reach * np.array([0.52, -0.2, 0.36]),
+        position=middle + reach * np.array([0.47, -0.12, 0.29]),
         look_target=middle,
         eye_up=[0.0, 0.0, 1.0],
     )

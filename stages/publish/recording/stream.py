@@ -222,7 +222,10 @@ def _thin_run(stamp: IntArray, values: FloatArray, bucket: int) -> tuple[IntArra
     if not whole:
         return stamp, values
     cube = values[:whole].reshape(-1, bucket, values.shape[1])
-    low, high = cube.argmin(axis=1), cube.argmax(axis=1)
+    unknown = np.isnan(cube)
+    holes = bool(unknown.any())  # a copy is made only then
+    low = (np.where(unknown, np.inf, cube) if holes else cube).argmin(axis=1)
+    high = (np.where(unknown, -np.inf, cube) if holes else cube).argmax(axis=1)
     pair = np.stack([np.minimum(low, high), np.maximum(low, high)], axis=1)
     picked = np.take_along_axis(cube, pair, axis=1).reshape(-1, values.shape[1])
     times = stamp[:whole].reshape(-1, bucket)[:, [0, bucket // 2]].ravel()

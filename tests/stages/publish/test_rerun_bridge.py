@@ -16,7 +16,7 @@ from physics.units import ARCMIN
 from stages.publish.page.run import run_page
 from stages.publish.recording.layout import SHARED_TIME
 from stages.publish.recording.overview import lanes_told
-from stages.publish.recording.scene import REFERENCE_COLOURS, Scene
+from stages.publish.recording.scene import REFERENCE_COLOURS, REFERENCE_NAMES, Scene
 from stages.publish.rerun_bridge import write_recording
 from stages.publish.verdict import verdict
 from tests.stages import synthetic_result as synthetic
@@ -126,8 +126,9 @@ def test_views_say_their_units(path):
     names = view_names(path)
     for unit in ("[arcmin]", "[deg/s]", "[m/s²]", "[ms]", "[1e-5 rad/m]", "[arcmin²/Hz]"):
         assert any(unit in name for name in names), unit
-    unitless = {"Summary", "Accuracy in figures", "Phases and gaps", "Gaps", "Data, gaps and phases"}
-    assert all("[" in name for name in names if name not in unitless)
+    unitless = {"Summary", "Accuracy in figures", "Deck shape in figures", "Phases and gaps", "Gaps",
+                "Data, gaps and phases", "Colours: deformation on the left, its error on the right"}  # fmt: skip
+    assert [name for name in names if "[" not in name and name not in unitless] == []
 
 
 def test_tabs_are_there_in_order(path):
@@ -171,6 +172,34 @@ def test_nothing_in_a_recording_is_fetched_from_elsewhere(path):
                for b in bs if "ViewBlueprint:class_identifier" in b.schema.names}  # fmt: skip
     assert "Map" not in classes
     assert "TimeSeries" in classes
+
+
+def test_key_names_every_line_in_its_colour(case, path):
+    batch = chunks(path)["/key"][0]
+    words = batch.column("Points2D:labels")[0].as_py()
+    colours = dict(zip(words, batch.column("Points2D:colors")[0].as_py()))
+    assert words[:3] == ["estimate ±3σ", "truth", "PHINS"]
+    assert {"RMSE so far, truth", "RMSE so far, PHINS"} <= set(words)
+    for reference, rgb in REFERENCE_COLOURS.items():
+        assert colours[REFERENCE_NAMES[reference]] >> 8 == rgb[0] << 16 | rgb[1] << 8 | rgb[2]
+
+
+def test_rms_is_shown_in_units_of_what_was_expected(case, path):
+    score = next(s for s in case.result.scores if s.reference == "truth")
+    values = column(chunks(path)["/rms/over_budget"], "Scalars:scalars")[1].reshape(-1, 3)
+    overall = np.sqrt(np.nanmean(values**2, axis=0))
+    np.testing.assert_allclose(overall, score.rmse / np.hypot(score.predicted, score.reference_noise), rtol=0.15)
+
+
+def test_surprise_has_a_lane_and_stays_within_the_innovations(case, tmp_path):
+    innovations = case.result.deformation.innovations
+    values = innovations.values.copy()
+    values[len(values) // 4 + 1, 0] = 25.0
+    d = replace(case.result.deformation, innovations=replace(innovations, values=values))
+    write_recording(replace(case.result, deformation=d), case.trial, case.truth, tmp_path / "a.rrd", rate=1.0)
+    found = chunks(tmp_path / "a.rrd")
+    assert "/lanes/unexpected" in found
+    assert np.nanmax(column(found["/innovations"], "Scalars:scalars")[1]) == 25.0
 
 
 def test_glance_at_the_lanes_tells_of_the_gap_alone(case):

@@ -105,3 +105,38 @@ def test_what_decoding_repaired_asks_for_care_but_not_the_resting_sled(case):
 )
 def test_angles_have_the_digits_a_person_reads(minutes, text):
     assert angle(minutes * ARCMIN) == text
+
+
+def test_angle_too_large_for_a_mount_asks_for_the_axes(case):
+    turned = Estimate(np.radians([10.0, 0.0, 40.0]), 0.4 * ARCMIN * np.ones(3))
+    found = judged(case, parameters={**case.result.deformation.parameters, "static_angle": turned})
+    assert found.grade is Grade.CARE
+    assert "turned by 41.2° in all: are its axes declared as they are mounted?" in found.reasons[0]
+
+
+def test_surprise_soon_after_a_gap_suspects_the_clock():
+    case = synthetic.case(duration=120.0, gap=(50.0, 53.0), with_deck=False)
+    innovations = case.result.deformation.innovations
+    values = innovations.values.copy()
+    values[np.searchsorted(innovations.t, 57.0), 1] = 40.0
+    reasons = judged(case, innovations=replace(innovations, values=values)).reasons
+    assert "main IMU fell silent until t = 53 s: its clock may have jumped there" in reasons[0]
+    values[:] = 0.0
+    values[np.searchsorted(innovations.t, 100.0), 1] = 40.0
+    reasons = judged(case, innovations=replace(innovations, values=values)).reasons
+    assert "fell silent" not in reasons[0]
+
+
+def test_reference_that_saw_a_part_says_so(case):
+    scores = [replace(s, duration=40.0) for s in case.result.scores if s.reference == "phins"]
+    sure = verdict(replace(case.result, scores=tuple(scores)), case.trial).sure
+    assert "PHINS bears it out over 40 s of 120 s" in sure
+    assert " over " not in judged(case).sure
+
+
+def test_reference_coarser_than_what_bends_bears_nothing_out(case):
+    scores = [replace(s, reference_noise=np.full(3, 30 * ARCMIN)) for s in case.result.scores if s.reference == "phins"]
+    assert (
+        "PHINS is too uncertain itself to bear it out"
+        in verdict(replace(case.result, scores=tuple(scores)), case.trial).sure
+    )

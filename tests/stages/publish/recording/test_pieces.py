@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from physics.units import ARCMIN
-from stages.publish.axis import Axis, round_step, span_of
-from stages.publish.recording.accuracy import data_lane, phase_lane, windowed_rms
+from stages.publish.axis import Axis, legible, round_step, span_of
+from stages.publish.deck_line import design_line, measured_line
+from stages.publish.recording.accuracy import data_lane, event_lane, phase_lane, windowed_rms
 from stages.publish.recording.chart import Chart, Curve, _pieces
 from stages.publish.recording.deck import averaged
 from stages.publish.recording.overview import running_rmse
+from stages.publish.recording.scene import Scene
 from stages.publish.recording.ship import SHOWN_SHARE, bending_factor, bent_line, curvature_colours, outline, round_down
 from stages.publish.recording.stream import break_gaps, thin_extremes
 from stages.publish.spectrum import (
@@ -161,3 +165,37 @@ def test_averaging_a_run_keeps_its_mean():
     np.testing.assert_allclose(
         np.average(value, weights=np.append(np.full(len(value) - 1, 11), 1001 % 11 or 11)), k.mean()
     )
+
+
+@pytest.mark.parametrize("limits", [(-0.7, 0.6), (-28.0, -14.0), (0.2, 9.0), (3.0, 20.0), (0.0, 0.0), (-1e4, 1e4)])
+def test_two_marks_of_a_time_view_are_always_in_sight(limits):
+    low, high = legible(*limits)
+    assert low <= limits[0]
+    assert high >= limits[1]
+    marks = [10.0**k for k in range(-13, 6) if (high - low) / 10.0**k <= 10.0]
+    assert any(np.floor(high / m + 1e-6) - np.ceil(low / m - 1e-6) >= 1 for m in marks)
+
+
+def test_thinning_passes_over_what_is_unknown():
+    values = np.zeros((100, 1))
+    values[::3], values[50] = np.nan, 9.0
+    assert np.nanmax(thin_extremes(np.arange(100, dtype=np.int64) * 10_000_000, values, 5)[1]) == 9.0
+
+
+def test_constant_curvature_bends_a_line_by_its_sagitta():
+    """k L^2 / 8 in the middle; about x below the chord, about z to starboard of it."""
+    s, k = np.linspace(0.0, 100.0, 401), 1e-5
+    flat = np.stack([0 * s, s, 0 * s], axis=1)
+    shape = synthetic.deck_shape(np.random.default_rng(1))
+    shape = replace(shape, arc_length=s, line=flat, design=np.tile([k, 0.0, 0.5 * k], (len(s), 1)))
+    np.testing.assert_allclose(measured_line(shape), 0.0, atol=1e-12)
+    np.testing.assert_allclose(design_line(shape)[200], [0.5 * k * 1e4 / 8, -k * 1e4 / 8], rtol=1e-4)
+    assert design_line(replace(shape, design=None)) is None
+
+
+def test_events_close_together_are_one_in_their_lane():
+    case = synthetic.case(duration=100.0, gap=None, with_phins=False, with_deck=False)
+    scene = Scene(case.result, case.trial, case.truth)
+    stamp, states = event_lane(np.array([20.0, 20.4, 60.0]), scene)
+    assert states == ["unexpected", "", "unexpected", ""]
+    np.testing.assert_allclose((stamp - synthetic.EPOCH) * 1e-9, [20.0, 21.4, 60.0, 61.0], atol=0.02)
