@@ -33,6 +33,9 @@ COLOURS = 200
 PATIENCE = 90.0  # s for the viewer to open a recording
 SETTLE = 6.0  # s until its opening messages are gone
 LENGTH = "300"  # s of the simulated trial
+EXPERIMENT = "sliding"
+VOYAGES, VOYAGE = 8, 60.0  # s each
+FIRST = 1_767_225_600  # s, of the first voyage
 ESTIMATORS = ("smoother", "filter", "td-ma", "traditional")
 
 
@@ -58,6 +61,8 @@ def draw_all(folder: Path) -> None:
     draw_tabs(folder / "compare.rrd", "compare")
     for name in ("run", "bad", "compare"):
         draw_page(folder / f"{name}.html", f"page-{name}")
+    draw_reproduction(folder)
+    draw_archive(folder)
     if diagnosed(folder, log):
         draw_tabs(folder / "diagnosis.rrd", "diagnosis")
         draw_page(folder / "diagnosis.html", "page-diagnosis")
@@ -72,10 +77,57 @@ def deckflex(*words: object, check: bool = True) -> int:
 def diagnosed(folder: Path, log: Path) -> bool:
     """The log held against a twin that knows nothing of its time delay."""
     twin = folder / "believed.toml"
-    source = (Path(__file__).parents[1] / "twin" / "twins" / "sample.toml").read_text("utf-8")
-    twin.write_text(source.replace("time_delay = 0.004", "time_delay = 0.0"), encoding="utf-8")
+    twin.write_text(changed({"time_delay = 0.004": "time_delay = 0.0"}), encoding="utf-8")
     outputs = ("--rrd", folder / "diagnosis.rrd", "--report", folder / "diagnosis.html")
     return deckflex("diagnose", log, "--twin", twin, *outputs, check=False) == 0
+
+
+def draw_reproduction(folder: Path) -> None:
+    """A published experiment, one seed: the page of all of them is docs/reproduction.md."""
+    out = folder / "reproduction"
+    deckflex("reproduce", EXPERIMENT, "--seeds", "1", "-o", out, "--page", folder / "page.md", check=False)
+    draw_tabs(next(out.glob("*.rrd")), "reproduce")
+
+
+def draw_archive(folder: Path) -> None:
+    """Voyages month by month, the mount drifting and the sea changing; one log is damaged."""
+    logs, out = folder / "voyages", folder / "archive"
+    logs.mkdir()
+    for month in range(VOYAGES):
+        deckflex("simulate", voyage(folder, month), "-o", logs / f"voyage-{month:02d}.mcap", "--seed", str(month + 1))
+    whole = (logs / "voyage-03.mcap").read_bytes()
+    (logs / "voyage-03.mcap").write_bytes(whole[: len(whole) // 50])
+    deckflex("batch", logs, "-o", out, "--workers", "1", check=False)
+    deckflex("catalogue", out, "--rrd", folder / "archive.rrd", "--report", folder / "archive.html", check=False)
+    draw_tabs(folder / "archive.rrd", "archive")
+    draw_page(folder / "archive.html", "page-archive")
+
+
+def voyage(folder: Path, month: int) -> Path:
+    """The sample twin at another date: its mount turned a little further, in another sea."""
+    sea, twin = 0.6 + 0.4 * (month % 3), folder / f"voyage-{month:02d}.toml"
+    static = [round(start + drift * month, 2) for start, drift in zip((12.0, -20.0, 30.0), (0.6, -0.9, 1.5))]
+    changes = {
+        "duration = 100.0": f"duration = {VOYAGE}",
+        "rate = 100.0": "rate = 50.0",
+        "seed = 7": f"start = {FIRST + month * 30 * 86_400}",
+        "pitch_significant = 2.0": f"pitch_significant = {2.0 * sea:.2f}",
+        "roll_significant = 5.0": f"roll_significant = {5.0 * sea:.2f}",
+        "static_arcmin = [12.0, -20.0, 30.0]": f"static_arcmin = {static}",
+        "std_arcmin = [3.0, 2.5, 4.0]": f"std_arcmin = {[round(sea * std, 2) for std in (3.0, 2.5, 4.0)]}",
+    }
+    twin.write_text(changed(changes), encoding="utf-8")
+    return twin
+
+
+def changed(changes: dict[str, str]) -> str:
+    """The sample twin with some of its lines changed; each must be there."""
+    text = (Path(__file__).parents[1] / "twin" / "twins" / "sample.toml").read_text("utf-8")
+    for old, new in changes.items():
+        if old not in text:
+            raise SystemExit(f"the sample twin no longer says '{old}'")
+        text = text.replace(old, new)
+    return text
 
 
 def spoil(source: Path, target: Path) -> None:

@@ -101,11 +101,13 @@ def extremes(x: FloatArray, y: FloatArray, buckets: int = BUCKETS) -> tuple[Floa
 
 
 def envelope(x: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A band thinned to a bucket each: its lowest low and highest high, at the bucket's middle."""
+    """A band thinned to a bucket each, its lowest low and highest high; none holds both sides of what is unknown."""
     n = len(x)
     if n <= BUCKETS:
         return x, low, high
-    edges = np.linspace(0, n, BUCKETS + 1).astype(int)[:-1]
+    unknown = ~np.isfinite(low + high)
+    turns = np.flatnonzero(np.diff(unknown.astype(int))) + 1
+    edges = np.union1d(np.linspace(0, n, BUCKETS + 1).astype(int)[:-1], turns)
     with np.errstate(invalid="ignore"):
         return x[edges], np.fmin.reduceat(low, edges), np.fmax.reduceat(high, edges)
 

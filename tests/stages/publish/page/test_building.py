@@ -51,6 +51,18 @@ def test_a_band_is_thinned_to_what_encloses_it():
     assert above.max() == 5.0
 
 
+def test_a_band_breaks_where_samples_stop_however_long_the_record():
+    """A gap within a bucket was bridged: the band ran across stretches without an estimate."""
+    x = np.concatenate([np.arange(0.0, 101.0, 0.01), np.arange(140.0, 300.0, 0.01)])
+    html = plot(
+        Plot("t", Axis(0, 300, "x"), Axis(-2, 2, "y"), [Band(x, -np.ones(len(x)), np.ones(len(x)), "#000", "", 0.1)])
+    )
+    paths = re.search(r'<path d="([^"]*Z)"', html).group(1).split("Z")[:-1]
+    assert len(paths) == 2
+    ends = [[float(word) for word in re.split("[ML ]", path) if word][::2] for path in paths]
+    assert max(ends[0]) < min(ends[1]) - 50
+
+
 def test_line_breaks_where_samples_stop():
     x = np.concatenate([np.arange(0.0, 3.0, 0.1), np.arange(6.0, 9.0, 0.1)])
     one = Plot("t", X, Y, [Line(x, np.zeros_like(x), "red", breaks=0.5)])
