@@ -85,7 +85,7 @@ def diagnosed(folder: Path, log: Path) -> bool:
 def draw_reproduction(folder: Path) -> None:
     """A published experiment, one seed: the page of all of them is docs/reproduction.md."""
     out = folder / "reproduction"
-    deckflex("reproduce", EXPERIMENT, "--seeds", "1", "-o", out, "--page", folder / "page.md", check=False)
+    deckflex("reproduce", EXPERIMENT, "--seeds", "1", "-o", out, check=False)
     draw_tabs(next(out.glob("*.rrd")), "reproduce")
 
 

@@ -110,11 +110,15 @@ def progress_bar() -> Iterator[Progress | None]:
 def display(*parts: object) -> None:
     """Tables and lines for people, on standard output; nothing in them is taken as markup."""
     from rich.console import Console
+    from rich.table import Table
+
+    from pipeline.tables import fitted
 
     width = None if sys.stdout.isatty() else int(os.environ.get("COLUMNS", PLAIN_WIDTH))
     console = Console(width=width, markup=False, highlight=False, emoji=False)
     for part in parts:
-        console.print(part, soft_wrap=isinstance(part, str))
+        shown = fitted(part, console) if isinstance(part, Table) else part
+        console.print(shown, soft_wrap=isinstance(part, str))
 
 
 def relative(path: Path) -> str:

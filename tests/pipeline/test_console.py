@@ -3,7 +3,8 @@ import signal
 
 import pytest
 
-from pipeline.console import BAD_DATA, INTERRUPTED, TERMINATED, emit, guarded
+from pipeline.console import BAD_DATA, INTERRUPTED, TERMINATED, display, emit, guarded
+from pipeline.tables import plain_table
 from schemas.errors import DataError
 
 
@@ -68,3 +69,15 @@ def test_json_holds_no_figure_that_json_does_not_know(capsys):
     assert capsys.readouterr().out == '{\n  "a": 1.0,\n  "b": null\n}\n'
     with pytest.raises(ValueError, match="JSON"):
         emit({"a": float("nan")})
+
+
+@pytest.mark.parametrize("width", [30, 60, 200])
+def test_no_figure_is_cut_on_a_narrow_terminal(monkeypatch, capsys, width):
+    monkeypatch.setenv("COLUMNS", str(width))
+    table = plain_table("topic", "messages", "rate [Hz]", "jitter [ms]", "longest gap [s]", "out of order")
+    table.add_row("/imu/main/temperature", "10000", "100.000", "0.12345", "6.010", "17")
+    display(table)
+    told = capsys.readouterr().out
+    for figure in ("10000", "100.000", "0.12345", "6.010", "17"):
+        assert figure in told
+    assert max(map(len, told.splitlines())) <= width

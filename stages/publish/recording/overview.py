@@ -48,6 +48,7 @@ ALLOWED: Colour = (150, 112, 78)
 TRACK_HEIGHT = 74.0
 KEY_SHARE = 0.7  # of a column whose plots have 3
 MOST_LANES = 5
+REFERENCE_RATE = 10.0  # Hz: flexure moves far slower
 FEW = 10  # every how many samples of a reference are looked at for its limits
 SHORT = 0.02  # share of the trial that a record may miss at its ends
 EARTH_RADIUS_KM = 6371.0
@@ -173,7 +174,8 @@ def _log_estimate(rec: rr.RecordingStream, scene: Scene) -> None:
 
 def _log_reference(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
     """A reference, thinned: it is drawn to compare with, not to work on."""
-    stamp, total = reference_angles(scene.deformation, score, stride(score.stamp, scene.rate))
+    rate = min(scene.rate, REFERENCE_RATE)
+    stamp, total = reference_angles(scene.deformation, score, stride(score.stamp, rate))
     who, colour = REFERENCE_NAMES[score.reference], REFERENCE_COLOURS[score.reference]
     send_axes(rec, f"deformation/{score.reference}", stamp, scene.trial.epoch, total / ARCMIN, who, colour)
 
