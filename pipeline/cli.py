@@ -142,7 +142,7 @@ def compare(
 ) -> None:
     """Run several estimators on one log and print their errors side by side."""
     from pipeline.documents import compare_document
-    from pipeline.one_log import run_estimators
+    from pipeline.one_log import compare_estimators
     from pipeline.publishing import Outputs, check_outputs, write_comparison
 
     for name in estimator:
@@ -154,14 +154,14 @@ def compare(
     check_outputs(outputs, log, rig)
     options = RunOptions(identifier=identifier, rig=rig, settings=chosen)
     with console.progress_bar() as progress:
-        runs = run_estimators(log, options, list(dict.fromkeys(estimator)), progress)
-        written = write_comparison(runs, outputs, progress)
+        found = compare_estimators(log, options, list(dict.fromkeys(estimator)), progress)
+        written = write_comparison(found.runs, outputs, progress)
     if as_json:
-        console.emit(compare_document(runs, written))
+        console.emit(compare_document(found, written))
         return
     from pipeline.printing import compare_report
 
-    console.display(*compare_report(runs, written))
+    console.display(*compare_report(found, written))
 
 
 @app.command(epilog="Example: deckflex diagnose trial.mcap --twin ship.toml -o report.json --report report.html")

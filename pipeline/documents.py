@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from pipeline.one_log import LogRun
+from pipeline.one_log import Comparison, LogRun
 from stages.publish.summary import summary
 
 Document = dict[str, Any]
@@ -17,12 +17,14 @@ def run_document(run: LogRun, written: Mapping[str, str]) -> Document:
     return {**summary(run.result, str(run.path), run.wall), **taken_out, "written": dict(written)}
 
 
-def compare_document(runs: Sequence[LogRun], written: Mapping[str, str]) -> Document:
-    """Several estimators on one log; wall_s of each is its own time, what is shared not counted."""
-    documents = [summary(run.result, str(run.path), run.seconds["estimate"]) for run in runs]
+def compare_document(found: Comparison, written: Mapping[str, str]) -> Document:
+    """Several estimators on one log; wall_s of each is its own time, what is shared not counted. failed: those that
+    had no answer, with the reason."""
+    documents = [summary(run.result, str(run.path), run.seconds["estimate"]) for run in found.runs]
     shared = ("log", "duration_s")
     return {
         **{key: documents[0][key] for key in shared},
         "estimators": [{key: value for key, value in one.items() if key not in shared} for one in documents],
+        "failed": dict(found.failed),
         "written": dict(written),
     }

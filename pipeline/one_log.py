@@ -79,30 +79,54 @@ class Steps:
         return report
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """Several estimators on one log, in the order asked for. failed: by name, why one has no answer to give."""
+
+    runs: tuple[LogRun, ...]
+    failed: Mapping[str, str]
+
+
 def run_log(path: Path, options: RunOptions | None = None, progress: Progress | None = None) -> LogRun:
     """Everything one log has to say, by one estimator. Raises DataError, which names the file."""
-    options = options or RunOptions()
-    return run_estimators(path, options, [options.estimator], progress, with_shape=True)[0]
+    options, steps = options or RunOptions(), Steps(progress)
+    with _locating(path):
+        return _finished(_prepared(path, options, steps), options.estimator, path, options, steps, True)
 
 
-def run_estimators(
-    path: Path,
-    options: RunOptions,
-    estimators: Sequence[str],
-    progress: Progress | None = None,
-    *,
-    with_shape: bool = False,
-) -> tuple[LogRun, ...]:
+def compare_estimators(
+    path: Path, options: RunOptions, estimators: Sequence[str], progress: Progress | None = None
+) -> Comparison:
     """Several estimators on one decode and one alignment, each with its own identifier unless one is named for all.
 
-    Their order is kept; an identifier that serves several runs once.
-    with_shape: find the deck's shape too, where a sled was run. Raises DataError, which names the file, and ValueError
-    for a name that is not registered.
+    An identifier that serves several runs once. An estimator that can make nothing of the log leaves the others
+    standing. Raises DataError, which names the file, when none has an answer, and ValueError for a name that is not
+    registered.
     """
-    steps = Steps(progress)
-    try:
+    steps, runs, failed = Steps(progress), [], {}
+    with _locating(path):
         ready = _prepared(path, options, steps)
-        return tuple(_finished(ready, name, path, options, steps, with_shape) for name in estimators)
+        for name in estimators:
+            try:
+                with _locating(path):
+                    runs.append(_finished(ready, name, path, options, steps, False))
+            except DataError as error:
+                failed[name] = _reason(error)
+        if not runs:
+            raise DataError("; ".join(f"{name}: {reason}" for name, reason in failed.items()))
+    return Comparison(tuple(runs), failed)
+
+
+def _reason(error: DataError) -> str:
+    """What an error says, without the file."""
+    return str(DataError(error.problem, channel=error.channel, time_s=error.time_s))
+
+
+@contextmanager
+def _locating(path: Path) -> Iterator[None]:
+    """Errors in the data get the name of the file."""
+    try:
+        yield
     except DataError as error:
         raise error.located(file=path) from error
     except np.linalg.LinAlgError as error:

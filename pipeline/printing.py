@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from rich.table import Table
 
 from physics.units import ARCMIN
-from pipeline.one_log import AXES, LogRun
+from pipeline.one_log import AXES, Comparison, LogRun
 from pipeline.tables import plain_table
 from schemas.products import DeckShape, Estimate, FlexureModel, Score, Status
 from stages.publish.best import static_angle, time_delay
@@ -82,8 +82,9 @@ def deck_table(shape: DeckShape) -> Table:
     return table
 
 
-def compare_report(runs: Sequence[LogRun], written: Mapping[str, str]) -> list[object]:
+def compare_report(found: Comparison, written: Mapping[str, str]) -> list[object]:
     """Everything ``deckflex compare`` prints."""
+    runs = found.runs
     trial = runs[0].decoded.trial
     table = plain_table(
         "estimator", "identifier", "reference", *(f"{axis} [′]" for axis in AXES), "predicted x y z [′]", "wall [s]"
@@ -94,7 +95,8 @@ def compare_report(runs: Sequence[LogRun], written: Mapping[str, str]) -> list[o
     shared = [note for note in runs[0].result.warnings if all(note in run.result.warnings for run in runs)]
     own = [(run.result.deformation.estimator, note) for run in runs for note in run.result.warnings]
     notes = [*shared, *(f"{name}: {note}" for name, note in own if note not in shared)]
-    lines = [f"wrote       {kind}: {path}" for kind, path in written.items()]
+    lines = [f"no answer   {name}: {reason}" for name, reason in found.failed.items()]
+    lines += [f"wrote       {kind}: {path}" for kind, path in written.items()]
     return [f"{runs[0].path}: {trial.duration:.1f} s, RMSE per axis", table, *warning_lines(notes), *lines]
 
 

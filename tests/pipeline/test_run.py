@@ -146,6 +146,27 @@ def test_compare_puts_estimators_side_by_side(deckflex, sample, tmp_path):
     assert "filter" in table
 
 
+def test_compare_goes_on_without_an_estimator_that_has_no_answer(deckflex, sample):
+    words = ("compare", sample, "--identifier", "whittle", "--set", "idam.as_printed=true")
+    document = json.loads(deckflex(*words, "--estimator", "idam", "--estimator", "td-ma", "--json").out)
+    assert [one["estimator"] for one in document["estimators"]] == ["td-ma"]
+    assert "broke down" in document["failed"]["idam"]
+    told = deckflex(*words, "--estimator", "idam", "--estimator", "td-ma")
+    assert told.status == 0
+    assert "no answer   idam: t = " in told.out
+
+
+def test_compare_of_nothing_but_failures_is_one_line_and_a_failure(deckflex, sample):
+    told = deckflex(
+        "compare", sample, "--estimator", "idam", "--identifier", "whittle", "--set", "idam.as_printed=true"
+    )
+    assert told.status == 1
+    assert told.out == ""
+    assert len(told.err.splitlines()) == 1
+    assert str(sample) in told.err
+    assert "idam: t = " in told.err
+
+
 def test_the_same_log_gives_the_same_bytes(deckflex, finished, sample, tmp_path):
     folder, _, _ = finished
     assert deckflex("run", sample, "-o", tmp_path / "again.mcap").status == 0
