@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg import solveh_banded
 
+from physics.units import DEG
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
-from stages.paired import Observations
+from stages.paired import Linearisation, Observations
 
 BREAK_S = 0.1  # s: bridging a longer gap can miss more of the relative rotation than flexure moves meanwhile
+LONGER_BREAKS_S = (1.0, np.inf)  # s: gaps that cut the record where shorter ones would leave too little of it
+LEAST_SHARE = 0.5  # of the record that pieces must keep
+BEARABLE = 1.0 * DEG  # of drift over a record, up to which angles may be taken as small
+CALIBRATIONS = 3
 SHORTEST_PIECE_S = 30.0  # s: less motion than this does not tell drift from flexure
 
 
@@ -30,14 +38,57 @@ def drift_in_m(obs: Observations, longest: float = BREAK_S) -> FloatArray:
     return drift
 
 
+def drift_of_pieces(obs: Observations) -> FloatArray:
+    """:func:`drift_in_m` with the breaks that leave most of the record: many short gaps cut no pieces."""
+    for longest in (BREAK_S, *LONGER_BREAKS_S):
+        drift = drift_in_m(obs, longest)
+        if np.isfinite(drift[:, 0]).mean() >= LEAST_SHARE:
+            break
+    return drift
+
+
+def calibrated(observed: Callable[[Linearisation], Observations], at: Linearisation) -> tuple[Observations, FloatArray]:
+    """Observations, and the difference of the gyros' biases, (3,) rad/s in m-axes, taken out of the sub-IMU before.
+
+    observed: observations about a linearisation, such as go on across gaps without a jump.
+
+    It is zero unless the match would drift by more than methods for small angles bear, as that of coarse gyros does.
+    """
+    obs, taken = observed(at), np.zeros(3)
+    for _ in range(CALIBRATIONS):
+        rate = _drift_rate(obs)
+        if np.linalg.norm(rate) * (obs.t[-1] - obs.t[0]) < BEARABLE:
+            break
+        taken = taken + rate
+        obs = observed(replace(at, gyro_bias=at.gyro_bias + at.R_ref.T @ taken))
+    return obs, taken
+
+
+def _drift_rate(obs: Observations) -> FloatArray:
+    """(3,) rad/s, eps of :func:`drift_in_m` over the whole record, longer gaps left out."""
+    z = np.where((obs.jump_s > BREAK_S)[:, None], np.nan, obs.z)
+    if np.isfinite(z[:, 0]).sum() < 10:
+        return np.zeros(3)
+    return _solved(z, _columns(np.swapaxes(obs.A_end, 1, 2), obs.A_integral))[3:]
+
+
 def _fitted(z: FloatArray, A_T: FloatArray, A_integral: FloatArray) -> FloatArray:
-    columns = np.concatenate([A_T, A_T @ np.cumsum(A_integral, axis=0)], axis=2)
+    columns = _columns(A_T, A_integral)
+    return np.asarray(columns @ _solved(z, columns))
+
+
+def _columns(A_T: FloatArray, A_integral: FloatArray) -> FloatArray:
+    """(N, 3, 6) of d_0 and eps."""
+    return np.concatenate([A_T, A_T @ np.cumsum(A_integral, axis=0)], axis=2)
+
+
+def _solved(z: FloatArray, columns: FloatArray) -> FloatArray:
+    """(6,) d_0 and eps."""
     change, shown = np.diff(columns, axis=0), np.diff(z, axis=0)
     seen = np.isfinite(shown[:, 0])
     matrix = change[seen].reshape(-1, 6)
     scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-12)
-    solution = np.linalg.lstsq(matrix / scale, shown[seen].reshape(-1), rcond=1e-6)[0] / scale
-    return np.asarray(columns @ solution)
+    return np.asarray(np.linalg.lstsq(matrix / scale, shown[seen].reshape(-1), rcond=1e-6)[0] / scale)
 
 
 def slow_part(t: FloatArray, x: FloatArray, breaks: IntArray, knot_s: float) -> FloatArray:

@@ -41,7 +41,7 @@ def fit_flexure(
     Raises DataError when no gapless piece is long enough.
     """
     T = float(np.median(np.diff(t)))
-    increments = _increments(total)
+    increments = rotation_increments(total)
     whole = _without_holes(good[1:] & good[:-1], int(HOLE_S / T))
     pieces = _pieces(whole, max(int(SHORTEST_RUN_S / T), 64))
     if not pieces:
@@ -55,7 +55,7 @@ def fit_flexure(
     return _model(fits, length)
 
 
-def _increments(total: FloatArray) -> FloatArray:
+def rotation_increments(total: FloatArray) -> FloatArray:
     """(n - 1, 3) Log(T_k T_{k-1}^T)."""
     out = np.empty((len(total) - 1, 3))
     for part in slabs(len(out)):

@@ -130,7 +130,7 @@ def deformation(
         alignment=_alignment(data, filtered, alignment, flexure),
         flexure=flexure,
         innovations=Innovations(data.t[data.index], innovation, CHANNELS),
-        parameters=_parameters(data, filtered),
+        parameters=_parameters(data, filtered, alignment.rotation),
         used=_used(method, data, flexure),
     )
 
@@ -159,14 +159,19 @@ def _static_covariance(data: Matching, filtered: Filtered) -> FloatArray:
     return np.asarray(J @ filtered.P @ J.T)
 
 
-def _parameters(data: Matching, filtered: Filtered) -> dict[str, Estimate]:
-    std = np.sqrt(np.maximum(np.diag(filtered.P), 0.0))
+def _parameters(data: Matching, filtered: Filtered, R: FloatArray) -> dict[str, Estimate]:
+    """Lever arm and biases in m-axes; the filter has them in s-axes, R (3, 3) turns them."""
 
-    def of(first: int) -> Estimate:
-        return Estimate(filtered.x[first : first + 3], std[first : first + 3])
+    def of(first: int, before: FloatArray) -> Estimate:
+        rows = slice(first, first + 3)
+        P = R @ filtered.P[rows, rows] @ R.T
+        return Estimate(before + R @ filtered.x[rows], np.sqrt(np.maximum(np.diag(P), 0.0)))
 
-    lever = Estimate(data.lever.value, data.lever.std)
-    return {"lever_arm": lever, "gyro_bias": of(kernel.EPS), "accel_bias": of(kernel.NABLA)}
+    return {
+        "lever_arm": Estimate(data.lever.value, data.lever.std),
+        "gyro_bias": of(kernel.EPS, data.bias),
+        "accel_bias": of(kernel.NABLA, np.zeros(3)),
+    }
 
 
 def _used(method: Idam | Svram | Woam, data: Matching, flexure: FlexureModel) -> tuple[str, ...]:

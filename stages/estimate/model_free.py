@@ -20,6 +20,7 @@ from physics.units import ARCMIN
 from schemas.products import Alignment, Deformation, Estimate, FlexureModel
 from schemas.rig import FloatArray
 from schemas.trial import Trial
+from stages.drift import calibrated
 from stages.estimate.quaternion_matching import deforming, linear, unscented
 from stages.estimate.quaternion_matching.answer import Matched, deformation, from_linear, from_network
 from stages.estimate.quaternion_matching.density import LAG_S, densities
@@ -45,19 +46,21 @@ class Variant(StrEnum):
 
 @dataclass(frozen=True)
 class Setting:
-    """Observations about an alignment, and the noise of the filter."""
+    """Observations about an alignment, and the noise of the filter. bias: (3,) rad/s, taken out before."""
 
     obs: Observations
     noise: linear.Noise
     R_ref: FloatArray
+    bias: FloatArray
 
     @classmethod
     def of(cls, trial: Trial, alignment: Alignment, flexure: FlexureModel, rotation: FloatArray) -> Setting:
         """The match about ``rotation`` (3, 3), the sub-IMU read later by the delay of the alignment."""
         at = replace(Linearisation.at(alignment), R_0=rotation, R_ref=rotation)
         prior = np.maximum(ANGLE_PRIOR, 3.0 * alignment.static.std)
-        obs = rejoined(observe(integrated(trial), at), rotation, prior)
-        return cls(obs, linear.noise_of(trial.rig, flexure, prior, 0.0), rotation)
+        paired = integrated(trial)
+        obs, bias = calibrated(lambda about: rejoined(observe(paired, about), rotation, prior), at)
+        return cls(obs, linear.noise_of(trial.rig, flexure, prior, 0.0), rotation, bias)
 
     def walked(self, variant: Variant) -> Filtered:
         """Random walk of phi, or of phi', with the density found in the match; found again once the drift is known."""
@@ -109,10 +112,10 @@ class ModelFree:
     def _matched(self, setting: Setting) -> tuple[Matched, Estimate]:
         obs = setting.obs
         if self.as_printed:
-            return from_network(obs, setting.trained(measured_in_i(obs) / INPUT_SCALE), setting.R_ref)
+            return from_network(obs, setting.trained(measured_in_i(obs) / INPUT_SCALE), setting.R_ref, setting.bias)
         if self.variant is Variant.NETWORK:
-            return from_network(obs, setting.trained(np.ones_like(obs.z)), setting.R_ref)
-        return from_linear(obs, setting.walked(self.variant), setting.R_ref)
+            return from_network(obs, setting.trained(np.ones_like(obs.z)), setting.R_ref, setting.bias)
+        return from_linear(obs, setting.walked(self.variant), setting.R_ref, setting.bias)
 
     def _said(self) -> str:
         if self.as_printed:
@@ -144,7 +147,7 @@ class Traditional:
         static = setting.noise.d_prior
         model = deforming.markov(wrong.damping, wrong.stiffness, wrong.std, setting.obs.dt, static, 0.0)
         filtered = linear.run(setting.obs, setting.obs.z, model, setting.noise)
-        matched, bias = from_linear(setting.obs, filtered, setting.R_ref)
+        matched, bias = from_linear(setting.obs, filtered, setting.R_ref, setting.bias)
         factors = "damping, frequency and std times {:g}, {:g}, {:g}".format(*self.factors)
         used = (USED, f"second-order Markov flexure with {factors}; constant static angle")
         return deformation(self.name, trial, matched, alignment, wrong, {"gyro_bias": bias}, used)

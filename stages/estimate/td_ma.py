@@ -67,14 +67,14 @@ class TdMa:
     def _matched(self, found: Found, trial: Trial, flexure: FlexureModel) -> tuple[Matched, Estimate]:
         loop = found.last
         if self.network is Network.NONE:
-            return from_linear(loop.obs, loop.filtered, loop.coarse.rotation)
+            return from_linear(loop.obs, loop.filtered, loop.coarse.rotation, loop.bias)
         obs = loop.obs
         density = float(np.mean(densities(obs, obs.z, loop.filtered.x[:, linear.D : linear.D + 3])[0]))
         inputs = np.ones_like(obs.z)
         if self.network is Network.PRINTED:
             inputs = np.einsum("kij,kj->ki", obs.A_end, obs.z) / INPUT_SCALE
         trained = unscented.train(obs, obs.z, inputs, density, loop.noise)
-        return from_network(obs, trained, loop.coarse.rotation)
+        return from_network(obs, trained, loop.coarse.rotation, loop.bias)
 
     def _delay(self, found: Found, matched: Matched) -> Estimate:
         if not self.time:

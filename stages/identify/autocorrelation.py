@@ -21,8 +21,8 @@ from schemas.errors import DataError
 from schemas.products import Alignment, FlexureModel, Status
 from schemas.rig import FloatArray
 from schemas.trial import Trial
-from stages.drift import drift_in_m
-from stages.flexure_fit import SHORT_RECORD, WEAK_SIGMA
+from stages.drift import BREAK_S, SHORTEST_PIECE_S, drift_of_pieces
+from stages.flexure_fit import SHORT_RECORD, WEAK_SIGMA, rotation_increments
 from stages.paired import Linearisation, Observations, observe, pair
 
 FIRST_RANGE_S = 25.0  # s of lag in the first round; afterwards RANGE correlation times
@@ -31,6 +31,7 @@ RANGE_LIMITS_S = (8.0, 120.0)
 LARGEST_SHARE = 0.125  # of the record: beyond it a lag has too few pairs
 RANGE_ROUNDS = 2
 LEAST_LAGS = 20
+NOISE_SHOWS = 4.0  # times the flexure alone, whose forcing a short record knows to a factor of two
 DAMPING_LIMITS = (1e-3, 10.0)  # 1/s
 FREQUENCY_LIMITS = (1e-2, 30.0)  # of b, rad/s; the lower one is raised to one period in the record
 STD_LIMITS = (1e-8, 0.1)  # rad
@@ -70,18 +71,24 @@ def increment_autocorrelation(damping: float, stiffness: float, std: float, T: f
 def increments(trial: Trial, alignment: Alignment, as_printed: bool = False) -> tuple[FloatArray, float]:
     """Increments (k, 3) rad in m-axes over T s, NaN across gaps, and T. Raises DataError when the units hardly overlap.
 
+    A sample lost here and there is bridged: what is missed then is white noise, at lag 0.
     They are those of the full attitude difference, its drift taken out, so that nothing of omega x theta is left.
     as_printed: IDAM 13-16, ``dTheta_m - dTheta_s + dTheta_m x Phi``, which leaves omega x theta in.
     """
-    obs = observe(pair(trial, alignment), Linearisation.at(alignment))
+    return _increments(observe(pair(trial, alignment), Linearisation.at(alignment)), alignment, as_printed)
+
+
+def _increments(obs: Observations, alignment: Alignment, as_printed: bool) -> tuple[FloatArray, float]:
     values = _printed(obs, alignment) if as_printed else _compensated(obs)
     seen = np.isfinite(obs.z[:, 0])
-    values[~(seen[1:] & seen[:-1] & (obs.jump_s[1:] == 0.0))] = np.nan
+    values[~(seen[1:] & seen[:-1] & (obs.jump_s[1:] <= BREAK_S))] = np.nan
     return values, float(np.median(np.diff(obs.t[obs.index])))
 
 
 def _compensated(obs: Observations) -> FloatArray:
-    drift = drift_in_m(obs)
+    drift = drift_of_pieces(obs)
+    if np.isnan(drift).all():
+        raise DataError(f"no piece of {SHORTEST_PIECE_S:.0f} s without a gap: no autocorrelation of the flexure")
     turned = Rotation.from_rotvec(-np.nan_to_num(drift)) * Rotation.from_rotvec(np.nan_to_num(obs.z))
     change = (turned[1:] * turned[:-1].inv()).as_rotvec()
     return np.where(np.isfinite(drift[1:]), change, np.nan)
@@ -182,16 +189,40 @@ def _bartlett(p: FloatArray, correlation: AxisCorrelation) -> FloatArray:
 
 def identify_axes(name: str, trial: Trial, alignment: Alignment, solve: Solve, as_printed: bool) -> FlexureModel:
     """The flexure model of a trial: ranges of lag chosen per axis by the plain fit, parameters by ``solve``."""
-    values, T = increments(trial, alignment, as_printed)
+    paired = pair(trial, alignment)
+    obs = observe(paired, Linearisation.at(alignment))
+    values, T = _increments(obs, alignment, as_printed)
     axes = [_with_range(values[:, axis], T) for axis in range(3)]
     found = [solve(axis) for axis in axes]
     spread = [covariance(p, axis) for p, axis in zip(found, axes)]
     judged = [_judge(p, P, axis.length) for p, P, axis in zip(found, spread, axes)]
     mu, stiffness, std = np.exp(np.stack(found, axis=1))
+    coarsest = max(float(np.median(np.diff(unit.t))) for unit in (paired.main, paired.sub))
     return FlexureModel(
-        method=name, damping=mu, stiffness=stiffness, std=std, log_covariance=np.stack(spread), gyro_noise=np.zeros(3),
+        method=name, damping=mu, stiffness=stiffness, std=std, log_covariance=np.stack(spread),
+        gyro_noise=gyro_noise(obs, coarsest, np.exp(found)),
         status=(judged[0][0], judged[1][0], judged[2][0]), reason=(judged[0][1], judged[1][1], judged[2][1]),
     )  # fmt: skip
+
+
+def gyro_noise(obs: Observations, coarsest: float, parameters: FloatArray) -> FloatArray:
+    """(3,) rad/sqrt(s), angle random walk of both gyros together where it stands out of the flexure, else 0.
+
+    From increments x over one sample of the slower unit (coarsest, s): ``E[x_k^2] - E[x_k x_{k+1}]`` is N^2 T and what
+    the flexure of parameters (3, 3), rows mu, b^2, sigma, has there.
+    """
+    sample = float(np.median(np.diff(obs.t)))
+    every = int(np.ceil(coarsest / sample - 1e-6)) * (2 if obs.dulled else 1)
+    steps = np.zeros((len(obs.dt), 3))
+    x = rotation_increments(obs.total(steps, steps[:, 0])[::every])
+    good = obs.good[::every]
+    x[~(good[1:] & good[:-1])] = np.nan
+    T, found = every * sample, np.zeros(3)
+    for axis, (mu, stiffness, std) in enumerate(parameters):
+        seen, own = (R[0] - R[1] for R in (sample_autocorrelation(x[:, axis], 1)[0],
+                                           increment_autocorrelation(mu, stiffness, std, T, 1)))  # fmt: skip
+        found[axis] = np.sqrt((seen - own) / T) if seen > NOISE_SHOWS * own else 0.0
+    return found
 
 
 def _with_range(x: FloatArray, T: float) -> AxisCorrelation:

@@ -15,12 +15,9 @@ import numpy as np
 from schemas.products import Alignment, BoolArray, FlexureModel
 from schemas.rig import FloatArray
 from schemas.trial import Trial
-from stages.drift import BREAK_S, drift_in_m
+from stages.drift import BREAK_S, LEAST_SHARE, LONGER_BREAKS_S, drift_in_m
 from stages.flexure_fit import HOLE_S, fit_flexure
 from stages.paired import Linearisation, Observations, observe, pair
-
-LONGER_BREAKS_S = (1.0, np.inf)  # s: gaps that cut the record where shorter ones would leave too little of it
-LEAST_SHARE = 0.5  # of the good samples that pieces must keep
 
 
 class Whittle:

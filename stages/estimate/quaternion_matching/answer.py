@@ -40,23 +40,27 @@ class Matched:
     innovation: FloatArray
 
 
-def from_linear(obs: Observations, filtered: Filtered, R_ref: FloatArray) -> tuple[Matched, Estimate]:
-    """What the linear filter found, and the gyro bias, rad/s in m-axes."""
+def from_linear(
+    obs: Observations, filtered: Filtered, R_ref: FloatArray, before: FloatArray
+) -> tuple[Matched, Estimate]:
+    """What the linear filter found, and the gyro bias, rad/s in m-axes, on top of what was taken out ``before``."""
     x, P = filtered.x, filtered.P_out[:, :4][:, :, linear.OUT[:4]]
     d, eps = slice(linear.D, linear.D + 3), slice(linear.EPS, linear.EPS + 3)
     innovation = filtered.innovation / np.sqrt(filtered.innovation_variance)
     static = x[:, linear.STATIC : linear.STATIC + 3]
     matched = Matched(obs, x[:, d], x[:, linear.DELAY], P, static, R_ref, innovation)
-    return matched, _bias(x[-1, eps], np.diag(filtered.P_last)[eps])
+    return matched, _bias(before + x[-1, eps], np.diag(filtered.P_last)[eps])
 
 
-def from_network(obs: Observations, trained: Trained, R_ref: FloatArray) -> tuple[Matched, Estimate]:
-    """What the unscented filter found, and the gyro bias, rad/s in m-axes."""
+def from_network(
+    obs: Observations, trained: Trained, R_ref: FloatArray, before: FloatArray
+) -> tuple[Matched, Estimate]:
+    """What the unscented filter found, and the gyro bias, rad/s in m-axes, on top of what was taken out ``before``."""
     x, P = trained.x[:, -7:], trained.P
     kept = np.array([0, 1, 2, 6])
     static = np.zeros((len(x), 3))
     matched = Matched(obs, x[:, :3], x[:, 6], P[:, kept][:, :, kept], static, R_ref, trained.innovation)
-    return matched, _bias(x[-1, 3:6], np.diag(P[-1])[3:6])
+    return matched, _bias(before + x[-1, 3:6], np.diag(P[-1])[3:6])
 
 
 def _bias(value: FloatArray, variance: FloatArray) -> Estimate:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,12 +12,15 @@ from physics.rotations import skew
 from schemas.products import Alignment, BoolArray
 from schemas.rig import FloatArray
 from schemas.trial import IntArray, Trial
+from stages.drift import calibrated
 from stages.estimate.rodrigues.lever import LeverArm, lever_arm
 from stages.paired import Linearisation, Observations, Paired, observe, pair
 
 GAP_RATE = 0.05  # rad/s^3: rate jerk of a lively ship, which bridging a gap with straight lines leaves out
-GAP_LIMIT = 0.05  # rad/s
-GAP_FORCE = 2.0  # m/s^2, likewise of specific force
+GAP_ANGLE = 5e-3  # rad, of longer gaps: the angle between the units is held there, and only flexure changes it
+GAP_FORCE = 2.0  # m/s^4, likewise of specific force
+GAP_SHAKE = 0.01  # (m/s)/sqrt(s), of the lever arm that flexure shakes meanwhile
+GAP_FORCE_LIMIT = 2.0  # m/s^2
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,7 @@ class Matching:
     omega_dot: (n, 3) mean rate of the main unit over the interval, m-axes, rad/s, and its change, rad/s^2. force:
     (n, 3) m/s^2, mean specific force of the sub in i_s. W_s: (n, 3) rad/s, its mean rate in i_s. z: (n, 6) measurement
     of (78), m/s and rad/s; sums: (n, 6) the sums in it. lever: r. index: (N,) the steps of the rest of the pipeline.
+    bias: (3,) rad/s in m-axes, taken out of the sub-IMU's rates before.
     """
 
     stamp: IntArray
@@ -45,6 +50,7 @@ class Matching:
     sums: FloatArray
     lever: LeverArm
     index: IntArray
+    bias: FloatArray
 
     @property
     def lever_block(self) -> FloatArray:
@@ -55,11 +61,13 @@ class Matching:
 def matching(trial: Trial, alignment: Alignment) -> Matching:
     """Both units of a trial, integrated and paired. DataError when they hardly overlap."""
     paired = pair(trial, alignment)
-    obs = observe(paired, Linearisation.at(alignment))
-    return _matching(trial, paired, obs, alignment.rotation, lever_arm(obs, trial.rig))
+    obs, bias = calibrated(partial(observe, paired), Linearisation.at(alignment))
+    return _matching(trial, paired, obs, alignment.rotation, lever_arm(obs, trial.rig), bias)
 
 
-def _matching(trial: Trial, paired: Paired, obs: Observations, R_0: FloatArray, lever: LeverArm) -> Matching:
+def _matching(
+    trial: Trial, paired: Paired, obs: Observations, R_0: FloatArray, lever: LeverArm, bias: FloatArray
+) -> Matching:
     t = obs.t
     dt = np.diff(t, prepend=t[0])
     # The sub's path was handed over turned into i_m by R_0; the filter wants it in its own inertial frame.
@@ -76,7 +84,7 @@ def _matching(trial: Trial, paired: Paired, obs: Observations, R_0: FloatArray, 
         stamp=trial.epoch + np.rint(t * 1e9).astype(np.int64), t=t, dt=dt, good=obs.good, jump=_jumps(obs),
         q_m=A_m.as_quat(), q_s=A_s.as_quat(), omega=omega, omega_dot=_rate_of(at_stamps, dt), force=_rate_of(V_s, dt),
         W_s=W_s, z=np.concatenate([V_s - V_m, W_s - W_m], axis=1),
-        sums=np.concatenate([V_s + V_m, W_s + W_m], axis=1), lever=lever, index=obs.index,
+        sums=np.concatenate([V_s + V_m, W_s + W_m], axis=1), lever=lever, index=obs.index, bias=bias,
     )  # fmt: skip
 
 
@@ -110,6 +118,7 @@ def _jumps(obs: Observations) -> FloatArray:
     good = np.flatnonzero(obs.good)
     ends, starts = good[1:], good[:-1]
     gap = np.where(ends - starts > 1, obs.t[ends] - obs.t[starts], 0.0)
-    jump[ends, 0] = np.minimum(GAP_RATE * gap**3, GAP_LIMIT * gap) ** 2
-    jump[ends, 1] = (GAP_FORCE * gap) ** 2
+    jump[ends, 0] = np.minimum(GAP_RATE * gap**3, GAP_ANGLE) ** 2
+    velocity = np.hypot(GAP_FORCE * gap**3, GAP_SHAKE * np.sqrt(gap))
+    jump[ends, 1] = np.minimum(velocity, GAP_FORCE_LIMIT * gap) ** 2
     return jump

@@ -8,11 +8,13 @@ import numpy as np
 
 from physics.rotations import skew
 from schemas.rig import FloatArray, Rig
-from stages.drift import drift_in_m
+from stages.drift import drift_of_pieces
 from stages.paired import Observations
 
 CORRELATION_S = 2.0  # s over which the residual resembles itself
 STD_FLOOR = 1e-3  # m
+LEAST_STEPS = 50  # with a relative velocity: fewer tell nothing
+UNKNOWN = 100.0  # m
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ def fitted(obs: Observations) -> LeverArm:
     seen = np.isfinite(obs.u[:, 0])
     seen &= np.isfinite(rate[:, 0]) & np.isfinite(theta[:, 0])
     seen[:2] = False
+    if np.count_nonzero(seen) < LEAST_STEPS:
+        return LeverArm(np.zeros(3), np.full(3, UNKNOWN))
     matrix, u = columns[seen].reshape(-1, 15), obs.u[seen].reshape(-1)
     scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-12)
     solution, _, _, _ = np.linalg.lstsq(matrix / scale, u, rcond=1e-9)
@@ -63,7 +67,7 @@ def fitted(obs: Observations) -> LeverArm:
 
 def _flexure(obs: Observations) -> tuple[FloatArray, FloatArray]:
     """Means of theta, but for a constant, and of theta' over each step, (N, 3)."""
-    theta = obs.z - drift_in_m(obs)
+    theta = obs.z - drift_of_pieces(obs)
     rate, mean = np.full_like(theta, np.nan), np.full_like(theta, np.nan)
     rate[1:] = np.diff(theta, axis=0) / obs.dt[1:, None]
     mean[1:] = 0.5 * (theta[1:] + theta[:-1])

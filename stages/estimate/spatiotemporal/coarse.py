@@ -90,7 +90,11 @@ def _spread(beta: FloatArray, turned: FloatArray) -> FloatArray:
     cross = skew(turned)
     information = np.einsum("nji,njk->ik", cross, cross)
     bread = np.linalg.inv(information + np.finfo(float).eps ** 2 * np.eye(3))
-    std = INFLATION * np.sqrt(np.maximum(np.diag(bread @ (blocks.T @ blocks) @ bread), 0.0))
+    free = len(blocks) - 3  # three angles were fitted: few blocks say too little of their spread
+    if free <= 0:
+        return np.full(3, STD_CEILING)
+    meat = blocks.T @ blocks * (len(blocks) / free)
+    std = INFLATION * np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0))
     return np.clip(np.nan_to_num(std, nan=STD_CEILING), STD_FLOOR, STD_CEILING)
 
 

@@ -14,7 +14,9 @@ import numpy as np
 from physics.kalman import Filtered
 from physics.units import ARCMIN
 from schemas.products import Alignment, FlexureModel
+from schemas.rig import FloatArray
 from schemas.trial import Trial
+from stages.drift import calibrated
 from stages.estimate.quaternion_matching import linear
 from stages.estimate.quaternion_matching.deforming import markov
 from stages.estimate.quaternion_matching.gaps import integrated, rejoined
@@ -42,13 +44,17 @@ class Plan:
 
 @dataclass(frozen=True)
 class Loop:
-    """One pass: what the sub-IMU was shifted by (s), the coarse alignment, observations and filter."""
+    """One pass: what the sub-IMU was shifted by (s), the coarse alignment, observations and filter.
+
+    bias: (3,) rad/s in m-axes, taken out of the sub-IMU before.
+    """
 
     shift: float
     coarse: Coarse
     obs: Observations
     noise: linear.Noise
     filtered: Filtered
+    bias: FloatArray
 
 
 @dataclass(frozen=True)
@@ -93,11 +99,11 @@ class Job:
         flexure = self.flexure
         # At the start d = -(static + flexure), both as seen from the coarse alignment.
         d_prior = np.hypot(coarse.std, flexure.std)
-        obs = rejoined(observe(paired, at), coarse.rotation, d_prior)
+        obs, bias = calibrated(lambda about: rejoined(observe(paired, about), coarse.rotation, d_prior), at)
         deforming = markov(flexure.damping, flexure.stiffness, flexure.std, obs.dt, coarse.std, STATIC_WALK)
         noise = linear.noise_of(self.trial.rig, flexure, d_prior, DELAY_PRIOR_S if self.plan.time else 0.0)
         z = measured(obs, self.plan.as_printed)
-        return Loop(shift, coarse, obs, noise, linear.run(obs, z, deforming, noise))
+        return Loop(shift, coarse, obs, noise, linear.run(obs, z, deforming, noise), bias)
 
 
 def align_and_filter(trial: Trial, alignment: Alignment, flexure: FlexureModel, plan: Plan) -> Found:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from physics.rotations import exp
-from physics.units import ARCMIN
+from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from schemas.errors import DataError
 from schemas.products import Deformation
 from schemas.rig import Rig
@@ -111,6 +111,37 @@ def test_samples_that_were_not_measured_are_left_out_and_bridged(trial):
     end = found.stamp > whole.sub.stamp[20000]
     late = replace(found, **{n: getattr(found, n)[end] for n in ("stamp", "total", "covariance")})
     assert np.all(score(late, whole, trial.simulation.truth)[0].rmse < 5.0 * ARCMIN)
+
+
+def test_a_gap_costs_what_the_flexure_did_meanwhile(trial):
+    """The angle between the units is held across it; what was found before is not thrown away."""
+    whole = trial.simulation.trial
+    t = whole.seconds(whole.sub.stamp)
+    keep = (t < 150.0) | (t > 155.0)
+    gapped = replace(whole, sub=ImuSeries(whole.sub.stamp[keep], whole.sub.gyro[keep], whole.sub.accel[keep]))
+    found = Idam().estimate(gapped, trial.alignment, trial.flexure)
+    after = whole.seconds(found.stamp) > 155.0
+    late = replace(found, **{n: getattr(found, n)[after] for n in ("stamp", "total", "covariance")})
+    scored = score(late, whole, trial.simulation.truth)[0]
+    assert np.all(scored.rmse < 20.0 * ARCMIN)
+    assert np.all(scored.rmse < 3.0 * scored.predicted)
+    assert np.all(scored.predicted < 15.0 * ARCMIN)
+
+
+@pytest.mark.parametrize("name", ["idam", "model-free", "td-ma"])
+def test_a_coarse_pair_is_measured_with_an_error_that_is_stated(trial, name):
+    """A MEMS unit: 250 deg/h of bias and 0.3 deg/sqrt(h); over the record it turns by 17 degrees."""
+    whole, rng = trial.simulation.trial, np.random.default_rng(5)
+    white = 0.3 * DEG_PER_SQRT_HOUR / np.sqrt(0.01) * rng.standard_normal(whole.sub.gyro.shape)
+    gyro = whole.sub.gyro + white + np.array([250.0, -150.0, 100.0]) * DEG_PER_HOUR
+    coarse = replace(whole, sub=replace(whole.sub, gyro=gyro))
+    alignment = align(coarse)
+    flexure = identify.get("acf")().identify(coarse, alignment)
+    found = estimate.get(name)().estimate(coarse, alignment, flexure)
+    scored = score(found, whole, trial.simulation.truth)[0]
+    assert np.all(scored.rmse < 20.0 * ARCMIN)
+    assert np.all(scored.rmse < 3.5 * scored.predicted)
+    np.testing.assert_allclose(found.parameters["gyro_bias"].value / DEG_PER_HOUR, [250.0, -150.0, 100.0], atol=15.0)
 
 
 def test_a_delay_found_by_the_alignment_is_taken_out(trial, answer):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from physics import flexure
+from physics.units import DEG_PER_SQRT_HOUR
 from schemas.errors import DataError
 from schemas.trial import ImuSeries, Trial
 from stages.identify import autocorrelation as ac
@@ -102,10 +103,29 @@ def test_a_gap_costs_its_increments_alone(trial, alignment):
     assert np.nanstd(values, axis=0) == pytest.approx(np.std(whole, axis=0), rel=0.05)
 
 
+def test_samples_lost_here_and_there_cost_hardly_anything(trial, alignment):
+    """One in twenty; nearly every increment then spans one of them."""
+    keep = np.random.default_rng(1).random(len(trial.sub)) > 0.05
+    sub = ImuSeries(trial.sub.stamp[keep], trial.sub.gyro[keep], trial.sub.accel[keep])
+    lossy = ac.identify_axes("acf", Trial(trial.main, sub, trial.epoch), alignment, ac.fit, False)
+    whole = ac.identify_axes("acf", trial, alignment, ac.fit, False)
+    np.testing.assert_allclose(lossy.std / whole.std, 1.0, atol=0.15)
+    np.testing.assert_allclose(lossy.stiffness / whole.stiffness, 1.0, atol=0.3)
+
+
+def test_noise_of_coarse_gyros_is_found_and_that_of_fine_ones_is_not_made_up(trial, alignment):
+    noise, rng = 0.2 * DEG_PER_SQRT_HOUR, np.random.default_rng(2)
+    noisy = trial.sub.gyro + noise / np.sqrt(0.01) * rng.standard_normal(trial.sub.gyro.shape)
+    coarse = Trial(trial.main, ImuSeries(trial.sub.stamp, noisy, trial.sub.accel), trial.epoch)
+    found = ac.identify_axes("acf", coarse, alignment, ac.fit, False).gyro_noise
+    np.testing.assert_allclose(found / noise, 1.0, atol=0.05)
+    assert not ac.identify_axes("acf", trial, alignment, ac.fit, False).gyro_noise.any()
+
+
 def test_too_short_a_record_is_refused_in_a_sentence(trial, alignment):
     part = slice(0, 2500)
     short = [ImuSeries(u.stamp[part], u.gyro[part], u.accel[part]) for u in (trial.main, trial.sub)]
-    with pytest.raises(DataError, match="too few for an autocorrelation"):
+    with pytest.raises(DataError, match="autocorrelation of the flexure"):
         ac.identify_axes("acf", Trial(*short, trial.epoch), alignment, ac.fit, False)
 
 
