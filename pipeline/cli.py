@@ -249,6 +249,9 @@ def reproduce(
     measured: Annotated[
         bool, typer.Option("--measured", help="Make texts and page from the tables in DIR; measure nothing.")
     ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Measure only what has no whole table of this version in DIR.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Run a published experiment again; published figures beside measured ones. NAME all: every one, and their page."""
@@ -262,7 +265,9 @@ def reproduce(
     if page is not None and name != "all":
         raise typer.BadParameter("only all experiments together make a page", param_hint="--page")
     with console.progress_bar() as progress:
-        outcomes, written = run_again(experiments, output, seeds, page, measured=measured, progress=progress)
+        outcomes, written = run_again(
+            experiments, output, seeds, page, measured=measured, resume=resume, progress=progress
+        )
     if as_json:
         console.emit(reproduction_document(outcomes, written))
         return

@@ -186,6 +186,14 @@ def measured_before(experiment: Experiment, directory: Path) -> Outcome:
     return Outcome(experiment, samples, (), known)
 
 
+def finished(experiment: Experiment, directory: Path, seeds: int) -> bool:
+    """Whether the table of an experiment stands in a directory, of these versions and with all seeds; DataError."""
+    if not (directory / f"{experiment.name}.parquet").is_file():
+        return False
+    found = measured_before(experiment, directory)
+    return found.versions == versions() and found.seeds == tuple(range(1, seeds + 1))
+
+
 def _sample(row: Mapping[str, Any]) -> Sample:
     texts = {name: row[name] for name in _TEXTS}
     return Sample(row["part"], row["seed"], Row(**texts, value=tuple(row["value"])))
@@ -205,12 +213,14 @@ def reproduce(
     page: Path | None = None,
     *,
     measured: bool = False,
+    resume: bool = False,
     progress: Progress | None = None,
 ) -> tuple[tuple[Outcome, ...], dict[str, str]]:
     """Run experiments one after the other, each with its files, and write the page if they are all there are.
 
     seeds None: as many as an experiment asks for. measured: take the rows from the tables of an earlier run, whose
-    recordings stay. Returns the outcomes and the files by kind. Raises DataError.
+    recordings stay. resume: of those experiments alone whose tables hold all seeds. Returns the outcomes and the files
+    by kind. Raises DataError.
     """
     whole = len(chosen) == len(experiments.names())
     target = (page or default_page(directory)) if whole else None
@@ -221,12 +231,10 @@ def reproduce(
     outcomes: list[Outcome] = []
     written: dict[str, str] = {}
     for experiment in chosen:
-        outcome = (
-            measured_before(experiment, directory)
-            if measured
-            else measure(experiment, seeds or experiment.seeds, progress)
-        )
-        written |= write(outcome, directory, recorded=not measured)
+        wanted = seeds or experiment.seeds
+        kept = measured or (resume and finished(experiment, directory, wanted))
+        outcome = measured_before(experiment, directory) if kept else measure(experiment, wanted, progress)
+        written |= write(outcome, directory, recorded=not kept)
         outcomes.append(outcome)
     return tuple(outcomes), written | (_write_page(outcomes, target) if target else {})
 

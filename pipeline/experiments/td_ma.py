@@ -120,8 +120,8 @@ EXPERIMENT = Experiment(
     ),
     parts=(
         Part("Accuracy (Table 1)", "", accuracy),
-        Part("Sensitivity", "On 900 s where nothing else is said.", sensitivity, seeds=2),
-        Part("As printed", "On 900 s.", as_printed, seeds=3),
+        Part("Sensitivity", "On 900 s where nothing else is said.", sensitivity, seeds=1),
+        Part("As printed", "On 900 s.", as_printed, seeds=2),
     ),
     printed=(
         _table("td-ma", 0.87, 0.29, 0.38),

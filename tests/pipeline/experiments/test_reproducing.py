@@ -133,6 +133,18 @@ def test_tables_measured_before_make_the_text_anew(deckflex, tmp_path, monkeypat
     assert "no table of td-ma-platform" in told.err
 
 
+def test_resuming_measures_only_what_has_no_whole_table(tmp_path, monkeypatch):
+    reproducing.reproduce((EXPERIMENT,), tmp_path, 3)
+    recording = (tmp_path / "fake.rrd").read_bytes()
+    monkeypatch.setattr(reproducing, "measure", None)
+    outcomes, _ = reproducing.reproduce((EXPERIMENT,), tmp_path, 3, resume=True)
+    assert outcomes[0].seeds == (1, 2, 3)
+    assert (tmp_path / "fake.rrd").read_bytes() == recording
+    assert not reproducing.finished(EXPERIMENT, tmp_path, 4)
+    monkeypatch.setattr(reproducing, "versions", lambda: {"deckflex": "another"})
+    assert not reproducing.finished(EXPERIMENT, tmp_path, 3)
+
+
 @pytest.mark.slow
 def test_an_experiment_runs_by_the_command_and_its_table_makes_the_same_text(deckflex, tmp_path):
     told = deckflex("reproduce", "td-ma-platform", "--seeds", "1", "-o", tmp_path, "--json")
