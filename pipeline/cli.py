@@ -13,10 +13,10 @@ import typer
 from pipeline import console
 from pipeline.archive.command import batch, catalogue
 from pipeline.blind.command import app as blind
+from pipeline.choosing import chosen_settings, named
 from pipeline.files import check_input, check_target
 from pipeline.options import DEFAULT_ESTIMATOR, RunOptions
-from pipeline.registries import Kind, check_name, listing
-from pipeline.settings import Settings
+from pipeline.registries import Kind, listing
 
 app = typer.Typer(
     help="Deck deformation of ships from pairs of inertial units: MCAP logs in, angles with covariance out.",
@@ -52,32 +52,6 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
     sys.exit(console.guarded(lambda: app(words, prog_name="deckflex"), debug="--debug" in words[:1]))
-
-
-def named(stage: str, option: str, name: str | None) -> None:
-    """Stop with exit status 2 and the list of names if there is no method of that name."""
-    try:
-        check_name(stage, name)
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint=option) from error
-
-
-def chosen_settings(
-    words: Sequence[str] | None, estimators: Sequence[str], identifier: str | None, shapes: Sequence[str] = ()
-) -> Settings:
-    """What --set says; stop with exit status 2 and the options there are if it fits no method that runs."""
-    from pipeline.one_log import own_identifier
-    from pipeline.settings import parsed
-
-    try:
-        settings = parsed(words or ())
-        if settings.given:
-            identifiers = [identifier] if identifier else [own_identifier(name) for name in estimators]
-            stages = (("estimate", estimators), ("identify", identifiers), ("shape", shapes))
-            settings.check([(stage, name) for stage, of_stage in stages for name in dict.fromkeys(of_stage)])
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--set") from error
-    return settings
 
 
 @app.callback()

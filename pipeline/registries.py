@@ -36,8 +36,9 @@ def listing(kind: Kind) -> tuple[Entry, ...]:
 
 def check_name(stage: str, name: str | None) -> None:
     """Raise ValueError with the list of names unless the stage has a method of that name (None: its default)."""
-    if name is not None:
-        import_module(f"stages.{stage}").get(name)
+    module = import_module(f"stages.{stage}")
+    if name is not None and name not in module.names():  # one that is there need not be loaded to know it
+        module.get(name)
 
 
 def _methods(stage: str) -> tuple[Entry, ...]:

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from pipeline.archive.jobs import Outcome, State
 from pipeline.archive.planning import Plan
 from pipeline.archive.running import HOUR, Step, Summary
-from pipeline.archive.working import Outcome, State
 
 MOST_LISTED = 200  # logs without a result on the terminal; --json and the manifest have them all
 

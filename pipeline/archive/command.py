@@ -109,7 +109,7 @@ def _config(
 ) -> Config:
     """What is done to every log, checked before the first one. Stops with status 2 where it cannot be."""
     from pipeline.archive.config import Config, Output, Text, read_text
-    from pipeline.cli import chosen_settings, named
+    from pipeline.choosing import chosen_settings, named
     from pipeline.provenance import deckflex_version
     from stages.shape import names as shape_names
 

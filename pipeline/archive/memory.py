@@ -11,7 +11,6 @@ import os
 from pathlib import Path
 
 from schemas.errors import DataError
-from schemas.wire import scan_log
 
 BASE = 500e6  # bytes that a run takes whatever the log
 PER_MESSAGE = 240.0  # bytes
@@ -22,6 +21,8 @@ GB = 1e9
 
 def needed(path: Path, diagnosed: bool = False) -> float:
     """Bytes that a run on a log, and its diagnosis, take at their peak; the least for a file that is no log."""
+    from schemas.wire import scan_log
+
     try:
         messages = sum(channel.count or 0 for channel in scan_log(path).channels)
     except DataError:

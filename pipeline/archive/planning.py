@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from pipeline.archive.config import Config, key_of
+from pipeline.archive.jobs import Job
 from pipeline.archive.manifest import ASIDE, DONE, Manifest, load_manifest, marks_of
 from pipeline.archive.source import Source
 from pipeline.archive.sources import found_in
 from pipeline.archive.stores import Store
-from pipeline.archive.working import Job
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pipeline.archive.config import Config
+from pipeline.archive.jobs import Outcome, State
 from pipeline.archive.manifest import ASIDE, DONE, entry_name, open_archive, read_entry
 from pipeline.archive.planning import Plan, planned
 from pipeline.archive.stores import Store, open_store
 from pipeline.archive.workers import Wish, crew, limited
-from pipeline.archive.working import Outcome, State
 from schemas.errors import DataError
 
 HOUR = 3600.0

@@ -14,8 +14,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
+from pipeline.archive.jobs import Job, Outcome, State, carried_out
 from pipeline.archive.memory import GB, per_worker
-from pipeline.archive.working import Job, Outcome, State, process
 from schemas.errors import DataError
 
 PATIENCE_S = 10.0  # for a scheduler to answer, and for its first worker
@@ -90,7 +90,7 @@ class Crew:
 
         def begin(count: int) -> None:
             for _, job in zip(range(count), waiting):
-                future = self.client.submit(process, job, pure=False, retries=0)
+                future = self.client.submit(carried_out, job, pure=False, retries=0)
                 running[future] = job
                 ended.add(future)
 

@@ -12,13 +12,13 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 from pipeline.archive import memory
 from pipeline.archive.config import Config, config_of, key_of
 from pipeline.archive.entries import facts, heading
+from pipeline.archive.jobs import Job, Outcome, State
 from pipeline.archive.manifest import ASIDE, DONE, RESULTS, note_content, read_entry, state_of, write_entry
 from pipeline.archive.outputs import write_findings, write_results
 from pipeline.archive.remote import file_system, local_path, protocol_of, telling
@@ -36,52 +36,6 @@ SLUG = 60  # characters of a log's name that are kept in the names of its result
 SHORT_KEY = 12
 CHANGED = "changed while it was read; the next run looks again"
 OUT_OF_MEMORY = "out of memory: fewer workers leave more for each"
-
-
-class State(StrEnum):
-    """How a log ended. KNOWN: another log of the same content is done. BEFORE: its result is there already.
-
-    FAILED: not this time, the next run tries again. STORE: results cannot be written.
-    """
-
-    DONE = "done"
-    KNOWN = "known"
-    BEFORE = "there"
-    ASIDE = "set aside"
-    FAILED = "failed"
-    STORE = "store"
-
-
-@dataclass(frozen=True)
-class Job:
-    """sha256: of the content where it is known. marks: of the address, that hold no longer when its content changed.
-
-    memory: bytes the log may take, None for what the worker has. retry: also where it was set aside before.
-    """
-
-    source: Source
-    config: dict[str, Any]
-    store: str
-    sha256: str | None = None
-    marks: tuple[str, ...] = ()
-    memory: float | None = None
-    retry: bool = False
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What came of a log. reason: why not, or what was odd. figures: what its line says."""
-
-    source: Source
-    state: State
-    key: str = ""
-    reason: str = ""
-    figures: str = ""
-    grade: str = ""
-    duration_s: float = 0.0
-    wall_s: float = 0.0
-    cpu_s: float = 0.0
-    memory: float = 0.0
 
 
 def process(job: Job) -> Outcome:

@@ -12,10 +12,11 @@ import pytest
 
 from pipeline.archive import memory
 from pipeline.archive.config import Config, Text
+from pipeline.archive.jobs import Job, State
 from pipeline.archive.manifest import load_manifest, marks_of
 from pipeline.archive.sources import found_in
 from pipeline.archive.stores import LocalStore, open_store
-from pipeline.archive.working import Job, State, process, slug_of
+from pipeline.archive.working import process, slug_of
 from pipeline.provenance import deckflex_version
 from tests.pipeline.archive.processes import check_whole, entries
 from tests.pipeline.archive.voyages import digest
