@@ -40,7 +40,10 @@ def protocol_of(address: str) -> str:
 
 def local_path(address: str) -> Path:
     """The path that an address of this machine names."""
-    return Path(unquote(urlsplit(address).path)) if address.lower().startswith("file://") else Path(address)
+    if not address.lower().startswith("file://"):
+        return Path(address)
+    _, slash, path = address[len("file://") :].partition("/")  # before it a host; nothing behind it is more than a path
+    return Path(unquote(slash + path))
 
 
 def file_system(address: str) -> AbstractFileSystem:
@@ -92,8 +95,15 @@ def absolute(address: str) -> str:
     return address.rstrip("/") if protocol_of(address) else str(local_path(address).expanduser().absolute())
 
 
+def path_of(address: str) -> str:
+    """The path of a remote address. On the web ``?`` and ``#`` end it; in a bucket they are letters like others."""
+    if protocol_of(address) in READ_ONLY:
+        return unquote(urlsplit(address).path)
+    return address.partition("://")[2] or address
+
+
 def name_of(address: str) -> str:
     """The last part of an address, for people."""
     if protocol_of(address):
-        return unquote(urlsplit(address).path.rstrip("/").rpartition("/")[2]) or address
+        return path_of(address).rstrip("/").rpartition("/")[2] or address
     return local_path(address).name

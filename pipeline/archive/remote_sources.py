@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from typing import Any
-from urllib.parse import urlsplit
 
-from pipeline.archive.remote import file_system, name_of, protocol_of, said, telling
+from pipeline.archive.remote import file_system, name_of, path_of, protocol_of, said, telling
 from pipeline.archive.source import MARKED, SUFFIX, Found, Source, gathered
 
 GLOB = "*["  # a question mark belongs to a web address
@@ -16,7 +15,7 @@ def logs_at(word: str) -> Found:
     """An object, a pattern, or all that lies below an address. Raises DataError."""
     fs = file_system(word)
     with telling(word):
-        if not _is_pattern(word) and name_of(word).lower().endswith(SUFFIX):
+        if name_of(word).lower().endswith(SUFFIX) and (not _is_pattern(word) or fs.isfile(word)):
             return Found((_source(word, name_of(word), fs.info(word)),))
         listed = _listed(word, fs)
     logs = {path: info for path, info in listed.items() if _is_log(path, info)}
@@ -39,7 +38,7 @@ def _listed(word: str, fs: Any) -> dict[str, dict[str, Any]]:
 
 
 def _is_log(path: str, info: dict[str, Any]) -> bool:
-    return info.get("type", "file") == "file" and urlsplit(path).path.lower().endswith(SUFFIX)
+    return info.get("type", "file") == "file" and path_of(path).lower().endswith(SUFFIX)
 
 
 def _described(word: str, listed: dict[str, dict[str, Any]], fs: Any) -> Found:

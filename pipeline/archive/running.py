@@ -129,7 +129,10 @@ def begun(plan: Plan, store: Store) -> Summary:
     """What is known before the work: done, set aside, unreadable."""
     summary = Summary(store.root, plan.logs, done_before=len(plan.done), same=len(plan.same), notes=plan.notes)
     for source, key in plan.aside:
-        reason = str(read_entry(store, key, ASIDE).get("reason", ""))
+        try:
+            reason = str(read_entry(store, key, ASIDE).get("reason", ""))
+        except DataError as error:  # it was set aside, whatever became of the reason
+            reason = str(error)
         summary.aside.append((source.address, source.name, reason))
     summary.failed += [(name, name, reason) for name, reason in plan.unreadable]
     return summary

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 
-from pipeline.archive.remote import absolute, local_path, protocol_of, telling
+from pipeline.archive.remote import absolute, joined, local_path, protocol_of, telling
 from pipeline.archive.source import MARKED, SUFFIX, Found, Source, gathered
 from pipeline.files import reason
 from schemas.errors import DataError
@@ -23,19 +25,39 @@ def found_in(words: Sequence[str], output: str) -> Found:
 
     Raises DataError for a word that names no log.
     """
-    every = gathered(_required(word, absolute(output)) for word in words)
+    every = gathered(_required(word, absolute(output), several=len(words) > 1) for word in words)
     single = {source.address: source for source in every.sources}
-    ordered = tuple(sorted(single.values(), key=lambda source: source.address))
+    ordered = told_apart(sorted(single.values(), key=lambda source: source.address))
     return Found(ordered, tuple(sorted(dict(every.unreadable).items())), tuple(dict.fromkeys(every.notes)))
 
 
-def _required(word: str, output: str) -> Found:
+def told_apart(sources: Sequence[Source]) -> tuple[Source, ...]:
+    """The logs as they are; where two have one name, each by its address below the folder that all have in common."""
+    if len({source.name for source in sources}) == len(sources):
+        return tuple(sources)
+    parts = [source.address.split("/") for source in sources]
+    shared = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(min(parts), max(parts))))
+    return tuple(replace(source, name="/".join(of[shared:])) for source, of in zip(sources, parts))
+
+
+def _required(word: str, output: str, *, several: bool) -> Found:
     if not word.strip():
         raise DataError("an empty word names no logs")
     one = _of_word(word, output)
     if one.empty:
         raise DataError("; ".join([NONE_THERE, *one.notes]), file=word)
-    return one
+    return _as_written(word, one) if several else one
+
+
+def _as_written(word: str, found: Found) -> Found:
+    """Files that cannot be read, named so that those of several folders are not taken for one."""
+    if any(c in word for c in MAGIC):
+        return found
+
+    def written(name: str) -> str:
+        return word if name in (word, Path(word).name) else joined(word, name)
+
+    return replace(found, unreadable=tuple((written(name), reason) for name, reason in found.unreadable))
 
 
 def _of_word(word: str, output: str) -> Found:
@@ -168,7 +190,11 @@ def _of_list(path: Path, output: str) -> Found:
     with telling(path):
         if path.stat().st_size > LONGEST_LIST:
             raise DataError("is too long for a list of logs", file=path)
-        lines = [line.strip() for line in path.read_text("utf-8-sig").splitlines()]
+        text = path.read_bytes()
+    try:
+        lines = [line.strip() for line in text.decode("utf-8-sig").splitlines()]
+    except UnicodeDecodeError as error:
+        raise DataError("is no list: it is not text in UTF-8", file=path) from error
     return gathered(_of_line(line, path, output) for line in lines if line and not line.startswith("#"))
 
 
@@ -179,6 +205,6 @@ def _of_line(line: str, path: Path, output: str) -> Found:
         if Path(address).suffix.lower() in LISTS:
             raise DataError("a list names logs, not lists")
         one = _of_word(address, output)
-        return Found((), ((line, NONE_THERE),), one.notes) if one.empty else one
+        return Found((), ((line, NONE_THERE),), one.notes) if one.empty else _as_written(line, one)
     except DataError as error:
         return Found((), ((line, error.problem),))

@@ -118,7 +118,7 @@ class LocalStore(Store):
     def put(self, source: Path, name: str) -> None:
         target = self.path / name
         with _writing(target):
-            target.parent.mkdir(parents=True, exist_ok=True)
+            _made(target.parent)
             _flush(source)
             source.replace(target)
             _flush(target.parent)
@@ -211,6 +211,15 @@ def _writing(target: Path | str) -> Iterator[None]:
             yield
     except DataError as error:
         raise StoreError(error.problem, file=error.file) from error
+
+
+def _made(folder: Path) -> None:
+    """A folder whose name outlives a power cut as surely as the files in it: each one made is flushed in its parent."""
+    if folder.is_dir():
+        return
+    _made(folder.parent)
+    folder.mkdir(exist_ok=True)
+    _flush(folder.parent)
 
 
 def _flush(path: Path) -> None:

@@ -78,9 +78,9 @@ def _processed(job: Job, cpu: float) -> Outcome:
         before = _look(path)
         sha256 = job.sha256 or _hashed(path)
         task = Task(job, config, store, path, sha256, key_of(sha256, config), cpu)
-        state = state_of(store, task.key)
-        if state == DONE or (state == ASIDE and not job.retry):
-            return _known(task, state)
+        known = _known(task)
+        if known is not None:
+            return known
         memory.check_memory(path, job.memory or _worker_memory(), config.twin is not None)
         return _worked(task, before)
 
@@ -153,15 +153,26 @@ def _look(path: Path) -> tuple[int, int, int]:
     return known.st_size, known.st_mtime_ns, known.st_ino
 
 
-def _known(task: Task, state: str) -> Outcome:
-    """There is an entry already: of an earlier run, of another batch, or of a log with the same content."""
+def _known(task: Task) -> Outcome | None:
+    """What an entry says that is there already: of an earlier run, of another batch, or of a log with the same content.
+
+    None where there is none that holds: one whose files are gone, or that cannot be read, is made anew.
+    """
+    state = state_of(task.store, task.key)
+    if state is None or (state == ASIDE and task.job.retry):
+        return None
+    try:
+        entry = read_entry(task.store, task.key, state)
+        if state == DONE and not all(task.store.exists(name) for name in entry["files"].values()):
+            return None
+    except (DataError, KeyError, AttributeError):
+        return None
     task.noted()
-    entry = read_entry(task.store, task.key, state)
     if state == ASIDE:
-        return Outcome(task.job.source, State.ASIDE, task.key, reason=entry["reason"])
-    if entry["log"] == task.job.source.address:
+        return Outcome(task.job.source, State.ASIDE, task.key, reason=str(entry.get("reason", "")))
+    if entry.get("log") == task.job.source.address:
         return Outcome(task.job.source, State.BEFORE, task.key, reason="done before")
-    return Outcome(task.job.source, State.KNOWN, task.key, reason=f"same content as {entry['name']}")
+    return Outcome(task.job.source, State.KNOWN, task.key, reason=f"same content as {entry.get('name')}")
 
 
 def _worked(task: Task, before: tuple[int, int, int]) -> Outcome:
@@ -207,8 +218,9 @@ def _diagnosed(task: Task, options: RunOptions, texts: Path, made: Path, files: 
 def _stored(task: Task, told: dict[str, Any], files: dict[str, Path]) -> Outcome:
     """The files to their places, then the entry: from then on the log is done."""
     folder = f"{RESULTS}/{slug_of(task.job.source.name)}-{task.key[:SHORT_KEY]}"
-    if state_of(task.store, task.key) == DONE:
-        return _known(task, DONE)
+    known = _known(task)  # another batch may have been faster
+    if known is not None:
+        return known
     places = {kind: f"{folder}/{path.name}" for kind, path in files.items()}
     for kind, path in files.items():
         task.store.put(path, places[kind])

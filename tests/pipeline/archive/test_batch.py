@@ -68,6 +68,13 @@ def test_a_second_run_does_nothing(fleet, copied, deckflex):
     assert voyages.digest(copied) == before
 
 
+def test_a_reason_that_was_spoilt_stops_nothing(fleet, copied, deckflex):
+    entries(copied, "aside")[0].write_text("{")
+    document = json.loads(deckflex("batch", fleet, "-o", copied, *voyages.CHEAP, "--json").out)
+    assert (document["done_before"], len(document["set_aside"])) == (40, 6)
+    assert sum("is not JSON" in row["reason"] for row in document["set_aside"]) == 1
+
+
 def test_dry_run_says_what_would_be_done_and_touches_nothing(fleet, copied, deckflex, tmp_path):
     before = voyages.digest(copied)
     first = json.loads(deckflex("batch", fleet, "-o", tmp_path / "new", *voyages.CHEAP, "--dry-run", "--json").out)

@@ -1,7 +1,11 @@
-"""Inputs and outputs in a bucket: a real S3 server of this machine, real requests."""
+"""Inputs and outputs in a bucket: real servers of this machine that speak S3 and GCS, real requests."""
 
 import json
 import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,31 +24,75 @@ def pointed_at(address: str, patch: pytest.MonkeyPatch) -> None:
     file_system("s3://").clear_instance_cache()
 
 
-@pytest.fixture(scope="module")
-def bucket(fleet):
-    """An S3 server with two voyages, a bad log and a note in ``s3://voyages/2026``, and an empty bucket."""
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+@contextmanager
+def s3(patch: pytest.MonkeyPatch) -> Iterator[None]:
     from moto.server import ThreadedMotoServer
 
     server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     server.start()
-    with pytest.MonkeyPatch.context() as patch:
-        pointed_at("http://{}:{}".format(*server.get_host_and_port()), patch)
-        fs = file_system("s3://")
+    pointed_at("http://{}:{}".format(*server.get_host_and_port()), patch)
+    yield
+    server.stop()
+
+
+@contextmanager
+def gs(patch: pytest.MonkeyPatch) -> Iterator[None]:
+    create_server = pytest.importorskip("gcp_storage_emulator.server").create_server
+    port = free_port()
+    patch.setenv("STORAGE_EMULATOR_HOST", f"http://127.0.0.1:{port}")
+    with create_server("127.0.0.1", port, in_memory=True):
+        file_system("gs://").clear_instance_cache()
+        yield
+
+
+SERVERS = {"s3": s3, "gs": gs}
+
+
+@contextmanager
+def filled(protocol: str, fleet: Path) -> Iterator[Any]:
+    """A server with two voyages, a bad log and a note in ``voyages/2026``, and an empty bucket."""
+    with pytest.MonkeyPatch.context() as patch, SERVERS[protocol](patch):
+        fs = file_system(f"{protocol}://")
         for name in ("voyages", "results"):
             fs.mkdir(name)
         for source, name in (
             (fleet / "month-00" / "voyage 00-0.mcap", "a b.mcap"),
-            (fleet / "month-01" / "voyage 01-0.mcap", "deep/c.mcap"),
+            (fleet / "month-01" / "voyage 01-0.mcap", "deep/c [1] #2?.mcap"),
             (fleet / "bad" / "no_sub.mcap", "bad.mcap"),
             (fleet / "bad" / "not_mcap.mcap", "note.txt"),
         ):
             fs.put_file(str(source), f"voyages/2026/{name}")
         yield fs
-    server.stop()
 
 
-def test_an_archive_from_bucket_to_bucket(bucket, fleet, deckflex):
-    words = ("batch", "s3://voyages/2026", "-o", "s3://results/2026", *CHEAP, "--workers", "1", "--json")
+@pytest.fixture(scope="module", params=list(SERVERS))
+def bucket(request, fleet):
+    with filled(request.param, fleet) as fs:
+        yield fs
+
+
+@pytest.fixture
+def protocol(request) -> str:
+    return str(request.node.callspec.params["bucket"])
+
+
+def test_an_archive_from_bucket_to_bucket(bucket, protocol, fleet, deckflex):
+    words = (
+        "batch",
+        f"{protocol}://voyages/2026",
+        "-o",
+        f"{protocol}://results/2026",
+        *CHEAP,
+        "--workers",
+        "1",
+        "--json",
+    )
     told = deckflex(*words)
     document = json.loads(told.out)
     assert (document["logs"], document["done"], document["failed"]) == (3, 2, [])
@@ -62,31 +110,29 @@ def test_an_archive_from_bucket_to_bucket(bucket, fleet, deckflex):
 
     bucket.put_file(str(fleet / "month-02" / "voyage 02-0.mcap"), "voyages/2026/bad.mcap")
     plan = json.loads(deckflex(*words[:-1], "--dry-run", "--json").out)
-    assert plan["to_do"] == ["s3://voyages/2026/bad.mcap"]
-    listed = json.loads(deckflex("batch", "s3://voyages/**/c*.mcap", *words[2:-1], "--dry-run", "--json").out)
-    assert (listed["logs"], listed["done_before"]) == (1, 1)
+    assert plan["to_do"] == [f"{protocol}://voyages/2026/bad.mcap"]
+    for word in ("**/c*.mcap", "2026/deep/c [1] #2?.mcap"):
+        listed = json.loads(deckflex("batch", f"{protocol}://voyages/{word}", *words[2:-1], "--dry-run", "--json").out)
+        assert (listed["logs"], listed["done_before"]) == (1, 1)
 
-    catalogue = json.loads(deckflex("catalogue", "s3://results/2026", "--json").out)
+    catalogue = json.loads(deckflex("catalogue", f"{protocol}://results/2026", "--json").out)
     assert catalogue["logs"] == 2
     assert bucket.exists("results/2026/catalogue.parquet")
 
 
-def test_what_stands_against_a_bucket_is_said_in_a_line(bucket, deckflex, tmp_path):
-    missing = deckflex("batch", "s3://nowhere/x", "-o", tmp_path / "out")
+def test_what_stands_against_a_bucket_is_said_in_a_line(bucket, protocol, deckflex, tmp_path):
+    missing = deckflex("batch", f"{protocol}://nowhere/x", "-o", tmp_path / "out")
     assert missing.status == 1
-    assert "s3://nowhere/x" in missing.err
+    assert f"{protocol}://nowhere/x" in missing.err
     assert missing.err.count("\n") == 1
-    words = ("batch", "s3://voyages/2026", "-o", "s3://nowhere/out", *CHEAP, "--workers", "1")
+    words = ("batch", f"{protocol}://voyages/2026", "-o", f"{protocol}://nowhere/out", *CHEAP, "--workers", "1")
     unwritten = deckflex(*words)
     assert unwritten.status == 1
     assert "cannot be written" in unwritten.err.splitlines()[-1]
 
 
 def test_the_server_is_gone(monkeypatch, deckflex, tmp_path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    pointed_at(f"http://127.0.0.1:{port}", monkeypatch)
+    pointed_at(f"http://127.0.0.1:{free_port()}", monkeypatch)
     told = deckflex("batch", "s3://voyages/2026", "-o", tmp_path / "out")
     assert told.status == 1
     assert "cannot be read" in told.err

@@ -55,6 +55,32 @@ def test_each_log_is_found_once(tree, tmp_path):
     assert len(found_in(words, str(tmp_path / "out")).sources) == 4
 
 
+def test_logs_of_one_name_in_several_folders_are_told_apart(tree, tmp_path):
+    for folder in ("2025", "2026/east"):
+        (tree / folder).mkdir(parents=True)
+        (tree / folder / "day.mcap").write_bytes(folder.encode())
+        (tree / folder / "gone.mcap").symlink_to("nowhere")
+    (tree / "years.lst").write_text("2025\n2026/east/day.mcap\n2026/east/gone.mcap\n")
+    for words in ([f"{tree}/2025", f"{tree}/2026/east"], [f"{tree}/years.lst"]):
+        found = found_in(words, str(tmp_path / "out"))
+        assert names(found) == ["2025/day.mcap", "2026/east/day.mcap"]
+        assert len(found.unreadable) == 2
+    assert names(found_in([f"{tree}/2025"], str(tmp_path / "out"))) == ["day.mcap"]
+
+
+def test_addresses_of_files_hold_any_letter(tree, tmp_path):
+    log = tree / "day #1?.mcap"
+    log.write_bytes(b"x")
+    for word in (f"file://{log}", log.as_uri(), f"file://localhost{log}"):
+        assert names(found_in([word], str(tmp_path / "out"))) == ["day #1?.mcap"]
+
+
+def test_a_list_that_is_no_text_is_told_of(tree, tmp_path):
+    (tree / "windows.txt").write_bytes("a.mcap\r\n".encode("utf-16"))
+    with pytest.raises(DataError, match="is no list: it is not text in UTF-8"):
+        found_in([f"{tree}/windows.txt"], str(tmp_path / "out"))
+
+
 def test_links_in_circles_dead_links_pipes_and_closed_doors(tree, tmp_path):
     (tree / "sub" / "loop").symlink_to(tree)
     (tree / "dead.mcap").symlink_to(tree / "nowhere")

@@ -77,6 +77,17 @@ def test_a_replaced_log_is_worked_on_anew_and_its_old_result_no_longer_counts(lo
     assert len(list((out / "inputs").iterdir())) == 1
 
 
+def test_a_result_whose_files_are_gone_is_made_anew_when_it_is_looked_at(log, tmp_path):
+    out = tmp_path / "out"
+    assert process(job_on(log, out)).state is State.DONE
+    shutil.rmtree(out / "results")
+    assert process(job_on(log, out)).state is State.DONE
+    check_whole(out)
+    entries(out)[0].write_text("{")
+    assert process(job_on(log, out)).state is State.DONE
+    check_whole(out)
+
+
 def test_a_log_that_grows_while_it_is_read_is_left_for_the_next_run(log, tmp_path, monkeypatch):
     import pipeline.archive.working as working
 
