@@ -87,6 +87,7 @@ def summary_report(summary: Summary) -> list[str]:
         (summary.same, "of the same content as another"),
         (len(summary.aside), "set aside"),
         (len(summary.failed), "not this time"),
+        (summary.left, "left for the next run"),
     ]
     told = ", ".join(f"{count} {what}" for count, what in counts if count) or (
         "nothing done" if summary.stopped else "nothing to do"
@@ -110,9 +111,13 @@ def _listed(what: str, rows: list[tuple[str, str, str]]) -> list[str]:
 
 def complaint(summary: Summary) -> str:
     """Why the exit status is not 0, in a sentence."""
-    without = len(summary.aside) + len(summary.failed)
-    told = f"{without} of {summary.logs} logs are without a result, each with its reason above" if without else ""
-    return "; ".join(part for part in (f"stopped early: {summary.stopped}" if summary.stopped else "", told) if part)
+    without, left = len(summary.aside) + len(summary.failed), summary.left
+    parts = [
+        f"stopped early: {summary.stopped}" if summary.stopped else "",
+        f"{left} of {summary.logs} logs are left for the next run" if left else "",
+        f"{without} of {summary.logs} logs are without a result, each with its reason above" if without else "",
+    ]
+    return "; ".join(part for part in parts if part)
 
 
 def plan_report(plan: Plan) -> list[str]:

@@ -74,6 +74,8 @@ def batch(
 
     if scheduler and workers:
         raise typer.BadParameter("a cluster that is there has the workers it has", param_hint="--workers")
+    if not output.strip():
+        raise typer.BadParameter("name a place for the results", param_hint="--output")
     config = _config(estimator, identifier, shape, settings, rig, compensate, diagnose, keep, rrd_rate)
     if dry_run:
         plan = planned(logs, open_store(output), config, retry=retry, rehash=rehash)

@@ -20,7 +20,7 @@ class State(StrEnum):
     BEFORE = "there"
     ASIDE = "set aside"
     FAILED = "failed"
-    STORE = "store"
+    STORE = "not kept"
 
 
 @dataclass(frozen=True)

@@ -54,16 +54,19 @@ def load_manifest(store: Store) -> Manifest:
     return found
 
 
-def open_archive(store: Store) -> None:
-    """Mark the store as an archive, or raise DataError where it is one of a later version."""
+def open_archive(store: Store, *, writing: bool = True) -> None:
+    """Mark the store as an archive; writing: even where it is one, which shows before the work that it can be written.
+
+    Raises DataError where it is one of a later version, StoreError where it takes no file.
+    """
     name = MARKED.lstrip("/")
     if not store.exists(name):
+        writing = True
+    elif (stated := decoded(store.read(name), name).get("format")) != FORMAT:
+        raise DataError(f"is an archive of format {stated}; this version knows format {FORMAT}", file=store.root)
+    if writing:
         about = "results of deckflex batch; manifest/ says what is done, catalogue.parquet holds the figures"
         store.write(name, encoded({"format": FORMAT, "about": about}))
-        return
-    stated = decoded(store.read(name), name).get("format")
-    if stated != FORMAT:
-        raise DataError(f"is an archive of format {stated}; this version knows format {FORMAT}", file=store.root)
 
 
 def note_content(store: Store, source: Source, sha256: str, earlier: Collection[str] = ()) -> None:

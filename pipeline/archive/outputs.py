@@ -62,5 +62,5 @@ def _disk_at_fault() -> Iterator[None]:
         yield
     except DataError as error:
         if error.problem.startswith(UNWRITTEN):
-            raise StoreError(error.problem, file=error.file) from error
+            raise StoreError(error.problem) from error  # the file has a name of its own until it is whole
         raise

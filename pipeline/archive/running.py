@@ -54,6 +54,12 @@ class Summary:
         return not (self.aside or self.failed or self.stopped)
 
     @property
+    def left(self) -> int:
+        """Logs that were not come to, or whose results could not be kept."""
+        ended = self.done + self.done_before + self.same + len(self.aside) + len(self.failed)
+        return self.logs - ended
+
+    @property
     def hours_per_minute(self) -> float | None:
         """Hours of log in a minute, None where nothing was worked on."""
         return self.hours / (self.wall_s / 60.0) if self.hours and self.wall_s else None
@@ -86,6 +92,7 @@ class Summary:
             "same_content": self.same,
             "set_aside": listed["aside"],
             "failed": listed["failed"],
+            "left": self.left,
             "stopped": self.stopped or None,
             "notes": list(self.notes),
             "hours": self.hours,
@@ -111,7 +118,7 @@ def run_batch(
     store = open_store(output)
     plan = planned(words, store, config, retry=retry, rehash=rehash)
     store.sweep()
-    open_archive(store)
+    open_archive(store, writing=bool(plan.jobs))
     summary = begun(plan, store)
     start = time.perf_counter()
     try:

@@ -132,7 +132,7 @@ class LocalStore(Store):
     @contextmanager
     def scratch(self) -> Iterator[Path]:
         folder = self.path / PARTIAL / f"{socket.gethostname()}.{os.getpid()}.{secrets.token_hex(6)}"
-        with _writing(folder):
+        with _writing(self.path):
             folder.mkdir(parents=True)
         try:
             yield folder

@@ -9,13 +9,14 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pipeline.archive.jobs import Job, Outcome, State, carried_out
 from pipeline.archive.memory import GB, per_worker
+from pipeline.archive.watch import NOBODY, Watch
 from schemas.errors import DataError
 
 PATIENCE_S = 10.0  # for a scheduler to answer, and for its first worker
@@ -31,6 +32,7 @@ SETTINGS = {
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": 0.95,
     "distributed.admin.tick.limit": "1h",
+    "distributed.deploy.lost-worker-timeout": "60s",  # for one that died to be back: a busy machine takes its time
     "distributed.comm.timeouts.connect": f"{PATIENCE_S:g}s",
 }
 LOST = "the connection to the scheduler was lost; what is finished is kept, and the same command goes on from there"
@@ -62,10 +64,12 @@ class Wish:
 
 @dataclass
 class Crew:
-    """A connection to workers. ahead: jobs to have under way for each thread of them."""
+    """A connection to workers. ahead: jobs to have under way for each thread of them. mend: replaces lost workers."""
 
     client: Any
     ahead: int = 1
+    mend: Callable[[], None] = lambda: None
+    running: dict[Any, Job] = field(default_factory=dict)
     counted: int = 0
     asked: float = -math.inf
 
@@ -84,9 +88,19 @@ class Crew:
 
         Raises DataError where the workers are lost or cannot do the work.
         """
+        watch = Watch(self.client, self.mend, lambda: self.client.cancel(list(self.running)))
+        watch.start()
+        try:
+            yield from self._outcomes(jobs)
+        except DataError as error:
+            raise (DataError(NOBODY) if watch.gave_up else error) from error
+        finally:
+            watch.stop()
+
+    def _outcomes(self, jobs: Iterable[Job]) -> Iterator[Outcome]:
         from distributed import as_completed
 
-        waiting, running, ended = iter(jobs), {}, as_completed([], loop=self.client.loop)
+        waiting, running, ended = iter(jobs), self.running, as_completed([], loop=self.client.loop)
 
         def begin(count: int) -> None:
             for _, job in zip(range(count), waiting):
@@ -177,7 +191,7 @@ def _own(wish: Wish, jobs: int) -> Iterator[Crew]:
         )
         with Client(cluster, set_as_default=False) as client:
             client.register_plugin(deaf())
-            yield Crew(client)
+            yield Crew(client, mend=lambda: cluster.scale(len(cluster.worker_spec)))  # opens those that are missing
     except BaseException:
         _end_at_once()
         raise

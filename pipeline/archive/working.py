@@ -46,7 +46,7 @@ def process(job: Job) -> Outcome:
     try:
         outcome = _processed(job, cpu)
     except StoreError as error:
-        outcome = Outcome(job.source, State.STORE, reason=str(error))
+        outcome = Outcome(job.source, State.STORE, reason=str(StoreError(error.problem, file=error.file or job.store)))
     except DataError as error:
         ours = error.file in (None, job.source.address)
         outcome = Outcome(job.source, State.FAILED, reason=without_file(error) if ours else str(error))

@@ -2,6 +2,11 @@
 
 import json
 import os
+import signal
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
 
 from tests.pipeline.archive.processes import PATIENCE, check_whole, entries, started, until
 from tests.pipeline.archive.voyages import CHEAP, digest
@@ -34,6 +39,30 @@ def test_a_killed_batch_loses_nothing_that_was_finished(few, tmp_path, deckflex)
     kept = [name for name in before if name.startswith("manifest")]
     assert all(after[name] == before[name] for name in kept)
     assert not [name for name in after if name.startswith(".partial")]
+
+
+def workers_of(group: int) -> list[int]:
+    """Processes of a batch that do the work."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            same = os.getpgid(int(process.name)) == group
+            found += [int(process.name)] if same and b"spawn_main" in (process / "cmdline").read_bytes() else []
+    return found
+
+
+def test_a_worker_that_is_killed_is_replaced(few, tmp_path):
+    if not Path("/proc/self/cmdline").exists():
+        pytest.skip("workers are found in /proc")
+    out = tmp_path / "out"
+    process = started("batch", few, "-o", out, *CHEAP, "--workers", "1", folder=tmp_path)
+    until(lambda: entries(out), "first result")
+    for worker in workers_of(process.pid):
+        os.kill(worker, signal.SIGKILL)
+    assert process.wait(PATIENCE) == 0, (tmp_path / "err.txt").read_text()
+    assert len(entries(out)) == 6
+    check_whole(out)
+    assert "6 logs: " in (tmp_path / "out.txt").read_text()
 
 
 def test_a_cluster_loses_a_worker_and_then_its_scheduler(few, cluster, tmp_path, deckflex):
