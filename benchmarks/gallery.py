@@ -32,7 +32,7 @@ SHOWN_WIDTH = 1120
 COLOURS = 200
 PATIENCE = 90.0  # s for the viewer to open a recording
 SETTLE = 6.0  # s until its opening messages are gone
-LENGTH = "300"  # s of the simulated trial
+LENGTH = "120"  # s of the simulated trial
 EXPERIMENT = "sliding"
 VOYAGES, VOYAGE = 8, 60.0  # s each
 FIRST = 1_767_225_600  # s, of the first voyage
@@ -131,11 +131,11 @@ def changed(changes: dict[str, str]) -> str:
 
 
 def spoil(source: Path, target: Path) -> None:
-    """The same trial with 40 s of the sub-IMU lost and its PHINS dead after two minutes."""
+    """The same trial with 30 s of the sub-IMU lost, its PHINS dead after 40 s, and no truth."""
     tables = dict(read_log(source).tables)
-    tables["/imu/sub"] = kept(tables["/imu/sub"], lambda t: (t < 150.0) | (t > 190.0))
-    tables["/phins/sub"] = kept(tables["/phins/sub"], lambda t: t < 120.0)
-    write_log(target, list(tables.values()))
+    tables["/imu/sub"] = kept(tables["/imu/sub"], lambda t: (t < 50.0) | (t > 80.0))
+    tables["/phins/sub"] = kept(tables["/phins/sub"], lambda t: t < 40.0)
+    write_log(target, [table for topic, table in tables.items() if not topic.startswith("/truth")])
 
 
 def kept(table: Table, wanted: Any) -> Table:

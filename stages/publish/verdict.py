@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -75,6 +76,16 @@ def verdict(result: Result, trial: Trial) -> Verdict:
     ]
     grade = Grade.BAD if bad else Grade.CARE if care else Grade.GOOD
     return Verdict(grade, _found(result), _sure(result), (*bad, *care))
+
+
+def closest(results: Sequence[Result]) -> tuple[Result, str] | None:
+    """Of several estimators' results the one with the least RMSE against the best reference, and that as a sentence."""
+    scored = [(r, min(r.scores, key=lambda score: score.reference != "truth")) for r in results if r.scores]
+    if not scored:
+        return None
+    best, score = min(scored, key=lambda pair: float(np.linalg.norm(pair[1].rmse)))
+    name = REFERENCE_NAMES[score.reference]
+    return best, f"{best.deformation.estimator} comes closest to {name}: RMSE {minutes(score.rmse)} (x, y, z)."
 
 
 def sigma_of(result: Result) -> FloatArray:

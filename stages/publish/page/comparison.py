@@ -18,7 +18,7 @@ from stages.publish.page.figure import PALETTE, Line, Plot, plot
 from stages.publish.page.html import Html, bullets, join, paragraph, section, table
 from stages.publish.page.parts import angle
 from stages.publish.page.sheet import Sheet, render, verdict_box
-from stages.publish.verdict import AXES, REFERENCE_NAMES, minutes, sigma_of, verdict
+from stages.publish.verdict import AXES, REFERENCE_NAMES, closest, sigma_of, verdict
 
 
 def comparison_page(results: Sequence[Result], trial: Trial, made: str = "") -> str:
@@ -42,12 +42,10 @@ def comparison_page(results: Sequence[Result], trial: Trial, made: str = "") -> 
 def _verdict(results: Sequence[Result], trial: Trial) -> Html:
     """Which came closest to the best reference, or that there is none to tell by."""
     grades = [f"{r.deformation.estimator}: {verdict(r, trial).headline}" for r in results]
-    scored = [(r, parts.ordered(r.scores)[0]) for r in results if r.scores]
-    if not scored:
+    found = closest(results)
+    if found is None:
         return verdict_box("care", "Nothing in the log tells which estimator is right.", grades)
-    best, score = min(scored, key=lambda pair: float(np.linalg.norm(pair[1].rmse)))
-    name = REFERENCE_NAMES[score.reference]
-    headline = f"{best.deformation.estimator} comes closest to {name}: RMSE {minutes(score.rmse)} (x, y, z)."
+    best, headline = found
     return verdict_box(verdict(best, trial).grade, headline, grades)
 
 

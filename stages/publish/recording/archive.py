@@ -21,7 +21,7 @@ from stages.publish.recording.comparison import COLOURS
 from stages.publish.recording.scene import AXIS_COLOURS, GREY, Colour
 from stages.publish.recording.stream import SLICE, UTC, record
 
-DOT, WHISKER = 3.5, 1.2  # radii of markers, points of the screen
+DOT, WHISKER = 3.5, 1.2  # radius of markers and width of lines, points of the screen
 MOST_ROWS = 60  # of a table in the document
 MARKER = rr.components.MarkerShape
 FITTED = ("fitted", "one sigma above", "one sigma below")
@@ -100,7 +100,7 @@ def _span(trends: Sequence[Trend]) -> tuple[float, float]:
 
 
 def _log_trend(rec: rr.RecordingStream, trend: Trend, entity: str) -> None:
-    """The fitted line with its band, and the points: value and, smaller, one sigma above and below."""
+    """The fitted line with its band, and the points, each with a whisker of one sigma."""
     if trend.fit is not None and np.isfinite(trend.fit.value).all():
         _log_fit(rec, trend.fit, f"{entity}/fit")
     order = np.argsort(trend.stamp, kind="stable")
@@ -110,11 +110,22 @@ def _log_trend(rec: rr.RecordingStream, trend: Trend, entity: str) -> None:
         value = trend.values[order, i]
         _points(rec, f"{entity}/{_plain(name)}", trend.stamp[order], value, name, colour, DOT, MARKER.Circle)
         if trend.std is not None:
-            std = trend.std[order, i]
-            for sign, marker in ((1.0, MARKER.Down), (-1.0, MARKER.Up)):
-                where = f"{entity}/{_plain(name)}_{'above' if sign > 0 else 'below'}"
-                said = f"{name} {'+' if sign > 0 else '−'} σ"
-                _points(rec, where, trend.stamp[order], value + sign * std, said, colour, WHISKER, marker)
+            _whiskers(
+                rec, f"{entity}/{_plain(name)}_sigma", trend.stamp[order], value, trend.std[order, i], name, colour
+            )
+
+
+def _whiskers(
+    rec: rr.RecordingStream, entity: str, stamp: IntArray, value: FloatArray, std: FloatArray, name: str, colour: Colour
+) -> None:  # fmt: skip
+    """An upright line a point, from one sigma below to one above; NaN after each keeps them apart."""
+    good = np.isfinite(value) & np.isfinite(std)
+    at = (stamp[good][:, None] + np.arange(3)).ravel()
+    ends = np.stack([value - std, value + std, np.full(len(value), np.nan)], axis=1)[good].ravel()
+    whole = rr.components.AggregationPolicy.Off  # else the viewer draws the mean of both ends
+    style = rr.SeriesLines(names=[f"{name} ±σ"], colors=[colour], widths=[WHISKER], aggregation_policy=whole)
+    rec.log(entity, style, static=True)
+    _send(rec, entity, at, ends)
 
 
 def _points(

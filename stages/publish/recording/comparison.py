@@ -14,7 +14,7 @@ from schemas.products import Result, Score
 from schemas.rig import FloatArray
 from schemas.trial import Trial, Truth
 from stages.publish.axis import span_of
-from stages.publish.document import number, table
+from stages.publish.document import number, plain_markdown, table
 from stages.publish.recording import layout
 from stages.publish.recording.chart import log_key
 from stages.publish.recording.overview import KEY_SHARE, key, of_axis
@@ -35,6 +35,7 @@ from stages.publish.recording.scene import (
 from stages.publish.recording.sheet import Row, bars_height, log_bars, sheet_view
 from stages.publish.recording.stream import record, send_axes, thin_extremes
 from stages.publish.reference import reference_angles
+from stages.publish.verdict import closest
 
 RARE = (2.0, 98.0)  # percentiles
 COLOURS: tuple[Colour, ...] = (BLUE, ORANGE, GREEN, PURPLE, RED, (90, 190, 190), (225, 200, 100))
@@ -102,14 +103,23 @@ def _expected(score: Score, axis: int) -> float | None:
 
 
 def rmse_text(results: Sequence[Result]) -> str:
-    """Markdown: RMSE per axis in arcminutes, a row per estimator and reference."""
+    """Markdown: which came closest; RMSE per axis in arcminutes, a row per estimator and reference, and what its
+    covariance and the reference's noise let expect."""
+    found = closest(results)
+    if found is None:
+        return "# RMSE of the total angle\n\nThe log holds no reference."
     rows = [
-        [score.estimator, REFERENCE_NAMES[score.reference], *(number(value / ARCMIN) for value in score.rmse)]
+        [score.estimator, REFERENCE_NAMES[score.reference], *(_measured_and_expected(score, axis) for axis in range(3))]
         for result in results
         for score in result.scores
     ]
     header = ["estimator", "reference", "x [′]", "y [′]", "z [′]"]
-    return "# RMSE of the total angle\n\n" + (table(header, rows) if rows else "The log holds no reference.")
+    about = "RMSE of the total angle, in brackets what the estimator's covariance and the reference's noise let expect."
+    return f"# {plain_markdown(found[1])}\n\n{about}\n\n{table(header, rows)}"
+
+
+def _measured_and_expected(score: Score, axis: int) -> str:
+    return f"{number(float(score.rmse[axis]) / ARCMIN)} ({number(_expected(score, axis))})"
 
 
 def _axis_views(scenes: Sequence[Scene], axis: int) -> list[rrb.View]:

@@ -74,7 +74,8 @@ def tab(scene: Scene) -> rrb.Container:
     lanes = [f"$origin/{name}" for name in lanes_told(scene)]
     below = layout.lanes(scene, "Data, gaps and phases", "lanes", lanes)
     left = rrb.Vertical(key(), *rows, below, row_shares=[KEY_SHARE, 3.0, 3.0, 3.0, 0.8 + 0.5 * len(lanes)])
-    side: list[object] = [rrb.TextDocumentView(origin="summary", name="Summary"), ship.view(scene)]
+    side: list[object] = [rrb.TextDocumentView(origin="summary", name="Summary")]
+    side.append(ship.view(scene, 1.0 if has_track(scene.trial) else 1.3))
     if has_track(scene.trial):
         side.append(chart_view("track", "GNSS track [km]", TRACK_HEIGHT))
     shares = [4.6, 2.4, 2.2][: len(side)]

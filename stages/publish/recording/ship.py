@@ -164,8 +164,8 @@ def curvature_colours(size: FloatArray) -> FloatArray:
     return np.stack(mixed, axis=1).astype(np.uint8)
 
 
-def view(scene: Scene) -> rrb.Spatial3DView:
-    """The 3D view; its name states how much the bending is exaggerated."""
+def view(scene: Scene, distance: float = 1.0) -> rrb.Spatial3DView:
+    """The 3D view; its name states how much the bending is exaggerated. distance: of the eye, larger in a tall view."""
     lever, _ = lever_arm(scene)
     factor = bending_factor(scene.deformation.dynamic_part, lever)
     name = f"Ship [m], flexure x{factor:g}"
@@ -176,7 +176,7 @@ def view(scene: Scene) -> rrb.Spatial3DView:
     middle, reach = 0.5 * (low + high), float(high[1] - low[1])
     eye = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=middle + reach * np.array([0.47, -0.12, 0.29]),
+        position=middle + distance * reach * np.array([0.47, -0.12, 0.29]),
         look_target=middle,
         eye_up=[0.0, 0.0, 1.0],
     )

@@ -42,8 +42,10 @@ def test_every_voyage_stands_at_its_date_with_its_sigma(path):
     stamp, values = dated(found[f"{STATIC}/z_heading"])
     np.testing.assert_array_equal(stamp, STAMP)
     np.testing.assert_allclose(values, trend.values[:, 0])
-    np.testing.assert_allclose(dated(found[f"{STATIC}/z_heading_above"])[1], trend.values[:, 0] + 0.4)
-    np.testing.assert_allclose(dated(found[f"{STATIC}/z_heading_below"])[1], trend.values[:, 0] - 0.4)
+    at, ends = dated(found[f"{STATIC}/z_heading_sigma"])
+    np.testing.assert_array_equal(at[::3], STAMP)
+    np.testing.assert_allclose(ends.reshape(-1, 3)[:, :2], trend.values + np.array([-0.4, 0.4]))
+    assert np.isnan(ends[2::3]).all()
     np.testing.assert_allclose(dated(found[f"{STATIC}/fit/fitted"])[1], trend.fit.value)
     errors = dated(found["/trend_01_rmse_against_truth/y_roll"])
     assert len(errors[0]) == 23  # the one that is not known is no point
