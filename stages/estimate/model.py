@@ -21,6 +21,8 @@ States (rad, m, s; m-axes unless said)::
     M main          those of the main gyro alone          constant: they reach u through omega x r
     step of d       change of d within the step           restarted at each step: zeta's change holds it,
                                                           theta's does not
+    step of V       by how much V's end exceeds its mean  restarted at each step: u is a mean, and V's noise a walk
+                    over the step, of its noise alone
 
 The attitudes show ``zeta = theta + Phi + A_m^T d - omega_s delay``, free of noise but for rounding. It takes theta's
 place as a state, so that this measurement is of one state and not a small difference of uncertain ones; theta's
@@ -48,9 +50,9 @@ from stages.paired import CARRIED_GAP_S, Observations
 
 ZETA, THETA_DOT, PHI, PHI_DOT = 0, 3, 6, 9
 D, EPS, DELAY, DRIFT = 12, 15, 18, 19
-V, NABLA, R, B, M, JITTER, JITTER_BEFORE, KAPPA, STEP_D, M_MAIN = 20, 23, 26, 29, 38, 47, 50, 53, 56, 59
-SIZE = 68
-ROW = 38  # entries of a row of H, at most
+V, NABLA, R, B, M, JITTER, JITTER_BEFORE, KAPPA, STEP_D, M_MAIN, STEP_V = 20, 23, 26, 29, 38, 47, 50, 53, 56, 59, 68
+SIZE = 71
+ROW = 41  # entries of a row of H, at most
 GYRO_STATES = np.array([*range(V), *range(M, M + 9)])  # what the attitudes alone can see
 PIECE = 20_000  # steps whose model is held in memory at a time: a quarter of a gigabyte
 LEAD = 2  # steps: the first ones of a model do not know what was before them, and take no velocity
@@ -148,7 +150,7 @@ def _sigma(noise: Noise) -> FloatArray:
         noise.std, rate, noise.phi_prior * ones, creep, noise.drift_prior * ones, noise.gyro_bias_prior * ones,
         [noise.delay_prior, noise.clock_prior], 10.0 * ones, noise.accel_bias_prior * ones, noise.lever_prior * ones,
         noise.coupling_prior * np.ones(9), noise.scale_prior.ravel(), noise.jitter, noise.jitter,
-        noise.kappa_prior * ones, 0.0 * ones, noise.scale_prior.ravel(),
+        noise.kappa_prior * ones, 0.0 * ones, noise.scale_prior.ravel(), 0.0 * ones,
     ])  # fmt: skip
 
 
@@ -214,6 +216,7 @@ def _transition(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, Fl
         _scale_rows(E, STEP_D, obs.A_integral, obs.omega)
         for axis in range(3):
             E.add(STEP_D + axis, STEP_D + axis, -1.0)
+            E.add(STEP_V + axis, STEP_V + axis, -1.0)
         for axis in range(3):
             E.add(JITTER + axis, JITTER + axis, -1.0)
             E.add(JITTER_BEFORE + axis, JITTER_BEFORE + axis, -1.0)
@@ -271,8 +274,12 @@ def _process(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, Float
             Q.add(PHI_DOT + axis, PHI_DOT + axis, noise.quasi_static**2 * obs.dt)
         Q.add(EPS + axis, EPS + axis, noise.gyro_walk**2 * obs.dt)
         Q.add(NABLA + axis, NABLA + axis, noise.accel_walk**2 * obs.dt)
-        Q.add(V + axis, V + axis, noise.accel**2 * obs.dt + (2.0 * obs.jump_s) ** 2)
+        walk = noise.accel**2 * obs.dt
+        Q.add(V + axis, V + axis, walk + (2.0 * obs.jump_s) ** 2)
         if noise.use_velocity:
+            # A walk from zero: its end less its mean has a third of the end's variance and half of it in common.
+            Q.add(V + axis, STEP_V + axis, walk / 2.0)
+            Q.add(STEP_V + axis, STEP_V + axis, walk / 3.0)
             Q.add(JITTER + axis, JITTER + axis, noise.jitter[axis] ** 2)
         for other in range(3):
             Q.add(ZETA + axis, D + other, seen[:, axis, other])
@@ -319,6 +326,12 @@ def _measurements(
     return columns, rows, z, variance
 
 
+def velocity_residual(obs: Observations, noise: Noise, coupling: FloatArray, x: FloatArray) -> FloatArray:
+    """(N, 3) m/s: what states x (N, SIZE) leave of the velocity match; NaN where there is none."""
+    columns, rows, z, _ = _measurements(obs, noise, coupling)
+    return np.asarray(z[:, 3:] - np.einsum("nic,nic->ni", rows[:, 3:], x[:, columns[3:]]))
+
+
 def _flexure_rate(obs: Observations) -> tuple[FloatArray, FloatArray]:
     """Mean of theta' and of theta over each step, as far as z tells."""
     rate = np.full_like(obs.z, np.nan)
@@ -347,7 +360,7 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
         columns[3 + i] = [
             *range(V, V + 3), *range(D, D + 3), NABLA + i, *range(R, R + 3), DELAY, DRIFT,
             *range(B, B + 9), JITTER + i, JITTER_BEFORE + i, *range(KAPPA, KAPPA + 3),
-            *range(STEP_D, STEP_D + 3), *range(M_MAIN, M_MAIN + 9),
+            *range(STEP_D, STEP_D + 3), *range(M_MAIN, M_MAIN + 9), *range(STEP_V, STEP_V + 3),
         ]  # fmt: skip
         row = rows[:, 3 + i]
         row[:, 0:3] = A_mid_T[:, i]
@@ -364,3 +377,4 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
         row[:, 26:29] = on_step[:, i]
         for a in range(3):
             row[:, 29 + 3 * a : 32 + 3 * a] = -coupling[i, a] * obs.omega
+        row[:, 38:41] = -A_mid_T[:, i]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,8 +19,8 @@ from schemas.products import Alignment, FlexureModel
 from schemas.rig import FloatArray
 from schemas.trial import Trial
 from stages.drift import slow_part
+from stages.estimate import levels, tuning
 from stages.estimate import model as m
-from stages.estimate import tuning
 from stages.flexure_fit import fit_flexure
 from stages.paired import CARRIED_GAP_S, Linearisation, Observations, Paired, observe, pair
 
@@ -30,7 +29,6 @@ PILOT_S = 900.0  # s of record on which noise levels are found first
 PILOT_ROUNDS = 4
 LONG_S = 900.0  # s: shorter records cannot show how strong slow bending is
 DENSITIES = tuple(factor * tuning.QUASI_STATIC for factor in (1.0, 0.0, 10.0, 100.0))  # of slow bending, candidates
-ACCEL_FACTORS, VELOCITY_FACTORS = (1.0, 3.0, 10.0), (1.0, 5.0)  # on the accelerometers' noise, candidates
 CHOICE_NATS = 4.0  # by how much the likelihood must gain before a default is left
 DISAGREEMENT = 16.3  # chi-square with 3 degrees of freedom, 0.1 %
 HOPELESS = 1.0  # m/s: beyond it the accelerometers are left out
@@ -73,7 +71,6 @@ def solve(trial: Trial, alignment: Alignment, flexure: FlexureModel) -> Solution
     noise = tuning.initial(alignment, flexure, trial.rig)
     for _ in range(PILOT_ROUNDS):
         at, noise, flexure = job.after(job.round(observe(pilot, at), at, noise, flexure))
-    noise = job.accelerometers(observe(pilot, at), at, noise)
     at, noise, flexure = job.whole(observe(paired, at), at, noise, flexure)
     return job.settle(observe(paired, at), at, noise, flexure)
 
@@ -127,11 +124,10 @@ class Job:
             solution, flexure=fit_flexure(obs.t, _undrifted(solution), obs.good, self.trial.rig, flexure, obs.dulled)
         )
 
-    def after(self, solution: Solution) -> tuple[Linearisation, m.Noise, FlexureModel]:
+    def after(self, solution: Solution, whole: bool = False) -> tuple[Linearisation, m.Noise, FlexureModel]:
         """The next linearisation, tuned noise and flexure after one round."""
         x, P = solution.filtered.x_last, np.diag(solution.filtered.P_last)
-        innovation, variance = solution.filtered.innovation[:, 3:], solution.filtered.innovation_variance[:, 3:]
-        noise = tuning.with_jitter(solution.noise, innovation, variance)
+        noise = self.levels(solution, whole)
         eps, nabla = slice(m.EPS, m.EPS + 3), slice(m.NABLA, m.NABLA + 3)
         gyro_bias = solution.at.R_ref @ solution.at.gyro_bias + x[eps]
         noise = tuning.with_biases(noise, self.trial.rig, (gyro_bias, np.sqrt(P[eps])), (x[nabla], np.sqrt(P[nabla])))
@@ -142,7 +138,7 @@ class Job:
     ) -> tuple[Linearisation, m.Noise, FlexureModel]:
         """A round on the whole record: what :meth:`after` says, and how strong slow bending is."""
         solution = self.round(obs, at, noise, flexure)
-        at, noise, flexure = self.after(solution)
+        at, noise, flexure = self.after(solution, whole=True)
         return at, self.quasi_static(solution, noise), flexure
 
     def quasi_static(self, solution: Solution, noise: m.Noise) -> m.Noise:
@@ -158,13 +154,15 @@ class Job:
         tried = [replace(gyros, quasi_static=density) for density in DENSITIES]
         return replace(noise, quasi_static=DENSITIES[self._likeliest(obs, solution.at, tried)])
 
-    def accelerometers(self, obs: Observations, at: Linearisation, noise: m.Noise) -> m.Noise:
-        """The level of the accelerometers' noise, white in velocity and in acceleration, that is most likely."""
-        tried = [
-            replace(noise, accel=a * noise.accel, velocity=v * noise.velocity)
-            for a, v in product(ACCEL_FACTORS, VELOCITY_FACTORS)
-        ]
-        return tried[self._likeliest(obs, at, tried)]
+    def levels(self, solution: Solution, whole: bool) -> m.Noise:
+        """Noise levels of the velocity match: from its spectrum on a piece, scaled to their size on the whole."""
+        noise, filtered = solution.noise, solution.filtered
+        if not noise.use_velocity:
+            return noise
+        if whole:
+            return tuning.rescaled(noise, filtered.innovation[:, 3:], filtered.innovation_variance[:, 3:])
+        least = tuning.stated(self.trial.rig, "accel_vrw") or 0.0
+        return levels.fitted(solution.obs, noise, solution.at.coupling, solution.smoothed.x, filtered.x_last, least)
 
     def _likeliest(self, obs: Observations, at: Linearisation, tried: list[m.Noise]) -> int:
         """Which set is most likely; the first one unless another gains enough."""

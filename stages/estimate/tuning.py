@@ -31,7 +31,6 @@ FINE_ACCEL_NOISE = 2e-4  # (m/s)/sqrt(s)
 GRADE_EXPONENT = 0.8  # from a fibre gyro (0.001 deg/sqrt(h), 5 ppm) to a MEMS (0.3 deg/sqrt(h), 0.3 %)
 VELOCITY = 1e-4  # m/s per step: what interpolation and the means over a step leave
 JITTER_START = 2e-3  # m, displacement of the lever arm beyond the model; the fit anneals from here
-JITTER_FLOOR = 1e-6
 CLIP, CLIPPED_MEAN = 3.0, 0.987  # sigma; mean of min(chi-square, 9) with one degree of freedom
 PRIOR_WEIGHT = 1.0  # degrees of freedom of the grade's figure against the three biases found
 
@@ -107,12 +106,15 @@ def _spread(centre: float, value: FloatArray, std: FloatArray) -> float:
     return float(np.sqrt((np.sum(value**2 + std**2) + PRIOR_WEIGHT * centre**2) / (3.0 + PRIOR_WEIGHT)))
 
 
-def with_jitter(noise: Noise, innovation: FloatArray, variance: FloatArray) -> Noise:
-    """Scale the unmodelled displacement so that the normalised innovations (N, 3) of u get unit variance."""
+def rescaled(noise: Noise, innovation: FloatArray, variance: FloatArray) -> Noise:
+    """Scale the levels of u so that its normalised innovations (N, 3) get unit variance."""
     seen = np.isfinite(innovation).all(axis=1)
     if seen.sum() < 20:
         return noise
     # Clipped at three sigma, so that slamming and other rare events do not decide.
     ratio = np.mean(np.minimum(innovation[seen] ** 2 / variance[seen], CLIP**2), axis=0) / CLIPPED_MEAN
     factor = np.clip(np.sqrt(ratio), 0.1, 10.0)
-    return replace(noise, jitter=np.maximum(factor * noise.jitter, JITTER_FLOOR))
+    return replace(
+        noise, accel=float(np.sqrt(np.mean(factor**2))) * noise.accel, velocity=factor * noise.velocity,
+        jitter=factor * noise.jitter,
+    )  # fmt: skip
