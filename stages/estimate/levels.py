@@ -52,10 +52,10 @@ def fitted(
     tilted = np.sum(skew(np.nanmean(obs.force_m, axis=0)) ** 2 * noise.gyro**2, axis=1)
     parts = np.stack([dt * (1.0 - c / 6.0), c, c**2 / dt**2], axis=1)
     known = c[:, None] * flexed / dt + tilted * dt**3 / c[:, None]
-    squares = np.array([_score(spectrum[:, i], parts, known[:, i]) for i in range(3)])
+    squares = np.array([most_likely(spectrum[:, i], parts, known[:, i]) for i in range(3)])
     accel = max(float(np.sqrt(squares[:, 0].mean())), least, ACCEL_FLOOR)
     fixed = known + accel**2 * parts[:, :1]
-    squares = np.array([_score(spectrum[:, i], parts[:, 1:], fixed[:, i]) for i in range(3)])
+    squares = np.array([most_likely(spectrum[:, i], parts[:, 1:], fixed[:, i]) for i in range(3)])
     return replace(
         noise, accel=accel, velocity=np.maximum(np.sqrt(squares[:, 0]), VELOCITY_FLOOR),
         jitter=np.maximum(np.sqrt(squares[:, 1]), JITTER_FLOOR),
@@ -96,7 +96,7 @@ def _spectrum(x: FloatArray) -> FloatArray | None:
     return np.asarray(power.mean(axis=0)[FIRST:-1])
 
 
-def _score(spectrum: FloatArray, parts: FloatArray, known: FloatArray) -> FloatArray:
+def most_likely(spectrum: FloatArray, parts: FloatArray, known: FloatArray) -> FloatArray:
     """Coefficients (p,) >= 0 of maximum Whittle likelihood in ``S = known + parts @ x``, by iterated least squares."""
     S = np.maximum(known, LEAST_SHARE * spectrum.mean()) + spectrum.mean()
     x = np.zeros(parts.shape[1])
