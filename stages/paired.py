@@ -223,6 +223,12 @@ def _rate_difference(
     return np.asarray((unit.gyro[both] - _seen_at(other.gyro, other.t, at[both]) @ turn.T).mean(axis=0))
 
 
+def mean_rate_difference(paired: Paired, alignment: Alignment) -> FloatArray:
+    """(3,) rad/s, s-axes: mean rate of the sub less the main one's, where both measured."""
+    main, sub = paired.main, paired.sub
+    return _rate_difference(sub, main, alignment.rotation.T, -float(alignment.time_delay.value), ~main.filled)
+
+
 def _in_long_gap(unit: matching.Unit) -> BoolArray:
     """Of the bridged samples, those of gaps longer than CARRIED_GAP_S."""
     good = np.flatnonzero(~unit.filled)

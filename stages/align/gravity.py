@@ -15,11 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from physics import rotations
-from physics.units import MICRO_G, STANDARD_GRAVITY
+from physics.units import DEG_PER_HOUR, MICRO_G, STANDARD_GRAVITY
 from schemas.rig import FloatArray, Rig
 from stages.align.tracks import Span, long_run_variance
 
 ACCEL_BIAS_UNKNOWN = 2000.0 * MICRO_G  # m/s^2, one sigma where the rig states none
+ACCEL_PER_GYRO = 50.0 * MICRO_G / DEG_PER_HOUR  # m/s^2 per rad/s: 10 mg goes with 200 deg/h, 1 mg with 20
 LEVER_UNKNOWN = 30.0  # m, one sigma where the rig states none
 NORM_RANGE = (0.97, 1.03)  # of g; a mean outside is no specific force (compensated, wrong unit)
 CELL = 0.5  # s, specific forces are averaged over it
@@ -59,14 +60,16 @@ def gravity(spans: Sequence[Span], delay: float, rig: Rig, rotation: FloatArray 
 
     rotation: approximate R_m_s, needed for the covariance (without it, of biases and lever arm alone).
     """
-    first, second, rate = (np.concatenate(part) for part in zip(*(_means(span, delay) for span in spans)))
+    parts = zip(*(_means(span, delay) for span in spans))
+    first, second, rate, rate_second = (np.concatenate(part) for part in parts)
     lever, lever_std = (np.zeros(3), LEVER_UNKNOWN) if rig.lever_arm is None else (rig.lever_arm, rig.lever_arm_std)
     whirl = rotations.skew(rate)
     centripetal = np.mean(whirl @ whirl, axis=0)
     forces = np.mean(first, axis=0) + centripetal @ lever, np.mean(second, axis=0)
     if not all(NORM_RANGE[0] < np.linalg.norm(force) / STANDARD_GRAVITY < NORM_RANGE[1] for force in forces):
         return None
-    bias = sum((unit.accel_bias_std or ACCEL_BIAS_UNKNOWN) ** 2 for unit in (rig.main, rig.sub))
+    unknown = max(ACCEL_BIAS_UNKNOWN, ACCEL_PER_GYRO * _gyro_bias(rate, rate_second, rotation))
+    bias = sum((unit.accel_bias_std or unknown) ** 2 for unit in (rig.main, rig.sub))
     tangential = rotations.skew((rate[-1] - rate[0]) / (len(rate) * CELL))
     covariance = bias * np.eye(3) + lever_std**2 * (centripetal @ centripetal.T + tangential @ tangential.T)
     if rotation is not None:
@@ -74,9 +77,17 @@ def gravity(spans: Sequence[Span], delay: float, rig: Rig, rotation: FloatArray 
     return Gravity(*forces, covariance)
 
 
-def _means(span: Span, delay: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Specific forces of both units, the second read ``delay`` later, and the first one's rates, (k, 3) each."""
+def _gyro_bias(first: FloatArray, second: FloatArray, rotation: FloatArray | None) -> float:
+    """rad/s, rms over axes and units of what gyro bias the mean rates (k, 3) leave room for: it tells the grade."""
+    mean_first, mean_second = first.mean(axis=0), second.mean(axis=0)
+    if rotation is None:
+        return float(np.sqrt((mean_first @ mean_first + mean_second @ mean_second) / 6.0))
+    return float(np.linalg.norm(mean_first - rotation @ mean_second) / np.sqrt(6.0))
+
+
+def _means(span: Span, delay: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Specific forces of both units, the second read ``delay`` later, and their rates, (k, 3) each."""
     count = span.count(CELL)
     first, second = span.first, span.second
     force = first.specific_force(span.start, CELL, count), second.specific_force(span.start + delay, CELL, count)
-    return *force, first.rate(span.start, CELL, count)
+    return *force, first.rate(span.start, CELL, count), second.rate(span.start + delay, CELL, count)

@@ -35,7 +35,7 @@ flexure moves the lever arm by beyond that model is the noise of u.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 
@@ -71,7 +71,8 @@ class Noise:
 
     damping, stiffness, std: (3,) flexure. gyro: (3,) rad/sqrt(s) and gyro_walk rad/s/sqrt(s). quasi_static: rad/s^1.5,
     of Phi'. velocity: (3,) m/s, of u per step; jitter: (3,) m, of n. accel: (m/s)/sqrt(s), accel_walk m/s^2/sqrt(s).
-    The rest are prior sigmas (scale_prior (3, 3)).
+    The rest are prior sigmas (scale_prior (3, 3)). angle_open: (3, 3) rad^2, m-axes, what the alignment leaves open of
+    the angle beyond phi_prior and drift_prior.
     use_velocity: False leaves the accelerometers out.
     """
 
@@ -96,6 +97,7 @@ class Noise:
     kappa_prior: float
     scale_prior: FloatArray
     use_velocity: bool = True
+    angle_open: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
 
 
 def build(obs: Observations, noise: Noise, coupling: FloatArray, x0: FloatArray) -> SparseModel:
@@ -155,8 +157,11 @@ def _sigma(noise: Noise) -> FloatArray:
 
 
 def _prior(obs: Observations, noise: Noise) -> FloatArray:
+    P = np.diag(_sigma(noise) ** 2)
+    for first in (PHI, D):  # m- and i-axes are the same at the start
+        P[first : first + 3, first : first + 3] += noise.angle_open
     T = zeta_map(obs)  # from theta in the first place to zeta
-    return np.asarray(T @ np.diag(_sigma(noise) ** 2) @ T.T)
+    return np.asarray(T @ P @ T.T)
 
 
 def zeta_map(obs: Observations) -> FloatArray:

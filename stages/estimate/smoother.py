@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from physics import quaternions
+from physics.units import ARCMIN
 from schemas.products import Alignment, Deformation, Estimate, FlexureModel, Innovations, Status
 from schemas.rig import FloatArray
 from schemas.trial import IntArray, Trial
@@ -26,7 +27,10 @@ CHANNELS = (
     "attitude x", "attitude y", "attitude z", "relative velocity x", "relative velocity y", "relative velocity z",
 )  # fmt: skip
 WEAK_DELAY_S = 1e-3  # s, one sigma
+LOST_DELAY_S = 0.1  # s, one sigma from which it is not observable
 WEAK_SHARE = 0.7  # of the prior sigma: a parameter that kept more than this was not really seen
+LOST_ANGLE = np.radians(2.0)  # one sigma from which an angle is not observable, and
+FAIR_ANGLE = 10.0 * ARCMIN  # up to which it is a plain estimate even where the deck hardly bends
 
 
 class Smoother:
@@ -65,7 +69,8 @@ def _deformation(
     for part in slabs(len(rows)):
         total[part], static[part], dynamic[part] = _angles(solution, x, rows[part])
         covariance[part] = _covariance(solution, P, rows[part])
-    parameters = _parameters(trial, solution)
+    parameters = _parameters(trial, alignment, solution)
+    covariance += unseen(solution, alignment)
     return Deformation(
         estimator=name,
         stamp=trial.epoch + np.rint(obs.t[obs.good] * 1e9).astype(np.int64),
@@ -106,13 +111,48 @@ def _covariance(solution: Solution, P: FloatArray, rows: IntArray) -> FloatArray
     return np.asarray(0.5 * (full + np.swapaxes(full, 1, 2)))
 
 
+def unseen(solution: Solution, alignment: Alignment) -> FloatArray:
+    """(3, 3) rad^2 of the angle that the filter takes for known because the main gyro's noise passes for motion.
+
+    A turn of the angle by e shows as ``e x omega`` for true rates alone. Along an axis where the noise's share of the
+    information ``sum |omega|^2 I - omega omega^T`` is w, that share of what the alignment left open is taken to stay,
+    as far as the mean rate (the Earth's, for a good gyro) and the bias it may hold do not tell.
+    """
+    obs = solution.obs
+    mean = obs.omega[1:].mean(axis=0)
+    rate = obs.omega[1:] - mean
+    information = np.sum(rate**2) * np.eye(3) - rate.T @ rate
+    told = (mean @ mean * np.eye(3) - np.outer(mean, mean)) / solution.noise.gyro_bias_prior**2
+    noise = 2.0 * float(np.sum(_main_noise(solution) ** 2 / obs.dt[1:]))
+    share, axes = np.linalg.eigh(noise * np.linalg.inv(information + 1e-9 * noise * np.eye(3)))
+    root = (axes * np.sqrt(np.clip(share, 0.0, 1.0))) @ axes.T
+    return np.asarray(root @ np.linalg.inv(np.linalg.inv(alignment.covariance) + told) @ root)
+
+
+def _unseen_delay(solution: Solution, alignment: Alignment) -> float:
+    """s^2, likewise of the delay, which shows in the changes of the rate from step to step."""
+    obs = solution.obs
+    noise = 3.0 * _main_noise(solution) ** 2 / np.median(np.diff(obs.t))
+    share = noise / max(float(np.mean(np.sum(np.diff(obs.rate_m, axis=0) ** 2, axis=1))), 1e-300)
+    return float(min(share, 1.0) * float(alignment.time_delay.std) ** 2)
+
+
+def _main_noise(solution: Solution) -> float:
+    """rad/sqrt(s), of the main gyro: what its own neighbouring samples show, at most what both units differ by."""
+    obs = solution.obs
+    turn = quaternions.log(quaternions.multiply(quaternions.conjugate(obs.main.attitude[:-1]), obs.main.attitude[1:]))
+    scatter = 1.4826 * np.median(np.abs(np.diff(turn, n=2, axis=0)), axis=0) / np.sqrt(6.0)
+    own = float(np.min(scatter) / np.sqrt(np.median(np.diff(obs.t))))
+    return min(own, float(np.median(solution.noise.gyro)))
+
+
 def _inflation(solution: Solution) -> float:
     """Mean square of the standardised attitude innovations where it exceeds one: what the model fails to explain."""
     nis = solution.filtered.innovation[:, :3] ** 2 / solution.filtered.innovation_variance[:, :3]
     return max(1.0, float(np.nanmean(nis)))
 
 
-def _parameters(trial: Trial, solution: Solution) -> dict[str, Estimate]:
+def _parameters(trial: Trial, alignment: Alignment, solution: Solution) -> dict[str, Estimate]:
     at, noise = solution.at, solution.noise
     x, P = solution.filtered.x_last, np.diag(solution.filtered.P_last)
 
@@ -125,8 +165,12 @@ def _parameters(trial: Trial, solution: Solution) -> dict[str, Estimate]:
         )
 
     delay = estimate(np.array([at.delay]), m.DELAY, 1, noise.delay_prior)
-    delay = replace(delay, value=delay.value[0], std=delay.std[0])
-    if delay.std > WEAK_DELAY_S:
+    spread = np.sqrt(delay.std[0] ** 2 + _unseen_delay(solution, alignment))
+    delay = replace(delay, value=delay.value[0], std=spread)
+    if delay.std > LOST_DELAY_S:
+        reason = "the motion does not show the delay: there is too little of it"
+        delay = replace(delay, status=Status.NOT_OBSERVABLE, reason=reason)
+    elif delay.std > WEAK_DELAY_S:
         delay = replace(delay, status=Status.WEAK, reason=f"too little motion: {1e3 * delay.std:.1f} ms are left open")
     found = {
         "time_delay": delay,
@@ -145,7 +189,7 @@ def _alignment(alignment: Alignment, solution: Solution, delay: Estimate) -> Ali
     """The alignment as refined: static angle at mid-record, its covariance, and the delay."""
     middle = len(solution.smoothed.x) // 2
     phi = solution.smoothed.x[middle, 5:8]
-    P = solution.smoothed.P[middle, 5:, 5:]
+    P = solution.smoothed.P[middle, 5:, 5:] + unseen(solution, alignment)
     rotation = Rotation.from_rotvec(phi) * Rotation.from_matrix(solution.at.R_ref)
     std = np.sqrt(np.maximum(np.diag(P), 0.0))
     static = Estimate(rotation.as_rotvec(), std, *_static_status(solution, std))
@@ -153,9 +197,11 @@ def _alignment(alignment: Alignment, solution: Solution, delay: Estimate) -> Ali
 
 
 def _static_status(solution: Solution, std: FloatArray) -> tuple[Status, str]:
-    if np.any(std > WEAK_SHARE * solution.noise.phi_prior):
+    noise = solution.noise
+    prior = np.sqrt(noise.phi_prior**2 + np.diag(noise.angle_open))
+    if np.any(std > WEAK_SHARE * prior) or np.any(std > LOST_ANGLE):
         return Status.NOT_OBSERVABLE, "the ship hardly turned: the static angle stays as uncertain as it was"
-    if np.any(std > 3.0 * solution.flexure.std):
+    if np.any(std > np.maximum(3.0 * solution.flexure.std, FAIR_ANGLE)):
         return Status.WEAK, "the motion was weak: the static angle is known worse than the flexure is large"
     return Status.ESTIMATED, ""
 

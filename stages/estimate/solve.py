@@ -22,7 +22,7 @@ from stages.drift import slow_part
 from stages.estimate import levels, tuning
 from stages.estimate import model as m
 from stages.flexure_fit import fit_flexure
-from stages.paired import CARRIED_GAP_S, Linearisation, Observations, Paired, observe, pair
+from stages.paired import CARRIED_GAP_S, Linearisation, Observations, Paired, mean_rate_difference, observe, pair
 
 COVARIANCE_STRIDE = 5  # steps: a second
 PILOT_S = 900.0  # s of record on which noise levels are found first
@@ -34,6 +34,8 @@ DISAGREEMENT = 16.3  # chi-square with 3 degrees of freedom, 0.1 %
 HOPELESS = 1.0  # m/s: beyond it the accelerometers are left out
 WEAKER = 3.0  # factor on the velocity noise when the accelerometers disagree
 DRIFT_KNOT_S = 60.0  # s: what drifts faster is left to the fit of flexure, which knows the gyros' noise
+PLAIN_SIGMA = 5.0  # by which a difference of the mean rates must exceed what flexure and misalignment make of it
+OPEN_ANGLE = 0.1  # rad: an alignment left more open does not tell bias from turning; the match is then held as it is
 RESOLVED = 1e-4  # smoothed over filtered variance below which P - P Lambda P has lost its digits
 
 OUT = np.array([m.D, m.D + 1, m.D + 2, m.DELAY, m.DRIFT, m.PHI, m.PHI + 1, m.PHI + 2])
@@ -68,7 +70,8 @@ def solve(trial: Trial, alignment: Alignment, flexure: FlexureModel) -> Solution
     job = Job(trial, alignment)
     at = Linearisation.at(alignment, trial.rig.lever_arm)
     flexure = tuning.separable(flexure)
-    noise = tuning.initial(alignment, flexure, trial.rig)
+    at = replace(at, gyro_bias=_plain_bias(pilot, alignment, flexure))
+    noise = tuning.with_gyro_bias(tuning.initial(alignment, flexure, trial.rig), trial.rig, at.gyro_bias)
     for _ in range(PILOT_ROUNDS):
         at, noise, flexure = job.after(job.round(observe(pilot, at), at, noise, flexure))
     at, noise, flexure = job.whole(observe(paired, at), at, noise, flexure)
@@ -82,6 +85,19 @@ def _piece(paired: Paired) -> Paired:
         return paired
     middle = 0.5 * (t[0] + t[-1])
     return paired.between(middle - 0.5 * PILOT_S, middle + 0.5 * PILOT_S)
+
+
+def _plain_bias(paired: Paired, alignment: Alignment, flexure: FlexureModel) -> FloatArray:
+    """(3,) rad/s, s-axes: bias of the sub that the mean rates show; zero where flexure or misalignment may be it.
+
+    A bias of hundreds of degrees an hour turns the match by tens of degrees: too far to be linearised about none.
+    """
+    bias = mean_rate_difference(paired, alignment)
+    length = paired.main.t[-1] - paired.main.t[0]
+    turning = np.linalg.norm(paired.main.gyro.mean(axis=0))
+    open_angle = float(np.sqrt(np.linalg.eigvalsh(alignment.covariance)[-1]))
+    else_explained = 2.0 * float(np.max(flexure.std)) / length + min(open_angle, OPEN_ANGLE) * turning
+    return bias if np.linalg.norm(bias) > PLAIN_SIGMA * else_explained else np.zeros(3)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from schemas.rig import FloatArray, Rig
 from stages.estimate.model import Noise
 
 ANGLE_PRIOR = 60 * ARCMIN  # of the static angle and of the start of the drift, at least
+ALIGNED_SIGMAS = 3.0  # and so many of the alignment's own sigmas, along the axes it leaves open
 DELAY_PRIOR_S = (2e-3, 0.05)  # least and most
 QUASI_STATIC = 1e-5 * ARCMIN  # rad/s^1.5: sun and load bend a deck by about an arcminute in an hour
 CLOCK_PRIOR = 30e-6  # s/s, two crystal clocks
@@ -32,6 +33,7 @@ GRADE_EXPONENT = 0.8  # from a fibre gyro (0.001 deg/sqrt(h), 5 ppm) to a MEMS (
 VELOCITY = 1e-4  # m/s per step: what interpolation and the means over a step leave
 JITTER_START = 2e-3  # m, displacement of the lever arm beyond the model; the fit anneals from here
 CLIP, CLIPPED_MEAN = 3.0, 0.987  # sigma; mean of min(chi-square, 9) with one degree of freedom
+WORST_ACCEL_BIAS = 50_000 * MICRO_G  # a coarse unit with a scale error of 4 %: more is an angle gone wrong
 PRIOR_WEIGHT = 1.0  # degrees of freedom of the grade's figure against the three biases found
 
 
@@ -48,18 +50,17 @@ def grade(gyro_noise: FloatArray) -> float:
 def initial(alignment: Alignment, flexure: FlexureModel, rig: Rig) -> Noise:
     """Where the tuning begins."""
     coarse = grade(flexure.gyro_noise)
-    angle = max(ANGLE_PRIOR, 3.0 * float(np.max(alignment.static.std)))
     delay = float(np.clip(5.0 * float(alignment.time_delay.std), *DELAY_PRIOR_S))
     known = rig.lever_arm is not None
     noise = Noise(
         damping=flexure.damping, stiffness=flexure.stiffness, std=flexure.std, gyro=flexure.gyro_noise,
         gyro_walk=0.0, quasi_static=QUASI_STATIC, velocity=np.full(3, VELOCITY * np.sqrt(coarse)),
         jitter=np.full(3, JITTER_START),
-        accel=accel_noise(rig, coarse), accel_walk=0.0, phi_prior=angle, drift_prior=angle,
+        accel=accel_noise(rig, coarse), accel_walk=0.0, phi_prior=ANGLE_PRIOR, drift_prior=ANGLE_PRIOR,
         gyro_bias_prior=stated(rig, "gyro_bias_std") or FINE_BIAS * coarse, delay_prior=delay, clock_prior=CLOCK_PRIOR,
         accel_bias_prior=stated(rig, "accel_bias_std") or FINE_ACCEL_BIAS * coarse**GRADE_EXPONENT,
         lever_prior=rig.lever_arm_std if known else LEVER_PRIOR_M, coupling_prior=1.0, kappa_prior=COUPLING_SHARE,
-        scale_prior=_scale_prior(coarse),
+        scale_prior=_scale_prior(coarse), angle_open=ALIGNED_SIGMAS**2 * alignment.covariance,
     )  # fmt: skip
     return with_flexure(noise, flexure)
 
@@ -99,7 +100,14 @@ def with_biases(
     coarse = grade(noise.gyro)
     gyro_prior = stated(rig, "gyro_bias_std") or _spread(FINE_BIAS * coarse, *gyro)
     accel_prior = stated(rig, "accel_bias_std") or _spread(FINE_ACCEL_BIAS * coarse**GRADE_EXPONENT, *accel)
-    return replace(noise, gyro_bias_prior=gyro_prior, accel_bias_prior=accel_prior)
+    return replace(noise, gyro_bias_prior=gyro_prior, accel_bias_prior=min(accel_prior, WORST_ACCEL_BIAS))
+
+
+def with_gyro_bias(noise: Noise, rig: Rig, seen: FloatArray) -> Noise:
+    """A wider prior where a bias (3,) was seen before any filter ran; a stated rig keeps its own."""
+    if stated(rig, "gyro_bias_std") or not seen.any():
+        return noise
+    return replace(noise, gyro_bias_prior=_spread(noise.gyro_bias_prior, seen, np.zeros(3)))
 
 
 def _spread(centre: float, value: FloatArray, std: FloatArray) -> float:

@@ -139,6 +139,14 @@ def test_calm_sea_is_refused_with_tilt_from_gravity() -> None:
     assert np.array_equal(found.static_phases.shape, (1, 2))
 
 
+def test_tilt_from_gravity_is_no_better_than_the_accelerometers_of_coarse_gyros() -> None:
+    still = trial(World(lines([(1, 1e-4, 9.0, 0.0)]), None, MOUNT, 0.0), 100.0)
+    gyro, accel = np.array([200.0, -150.0, 180.0]) * DEG / 3600.0, np.array([0.1, -0.1, 0.05])  # 10 mg with 200 deg/h
+    sub = replace(still.sub, gyro=still.sub.gyro + gyro, accel=still.sub.accel + accel)
+    found = align(_with_noise(replace(still, sub=sub), 0.3))
+    assert np.all(np.abs(error(found.rotation, MOUNT)[:2]) < 3.0 * found.static.std[:2])
+
+
 def test_circular_motion_does_not_promise_delay_apart_from_heading() -> None:
     conical = World(lines([(0, 1.0, 8.0, 0.0), (1, 1.0, 8.0, 90.0)]), None, MOUNT, 0.3)
     found = align(_with_noise(trial(conical, 200.0)))

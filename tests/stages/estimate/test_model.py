@@ -26,7 +26,7 @@ GIVEN = {
     "velocity": np.full(3, 1e-4), "jitter": np.array([1e-3, 2e-3, 5e-4]), "accel": 1e-4, "accel_walk": 1e-7,
     "phi_prior": 0.01, "drift_prior": 0.01, "gyro_bias_prior": 1e-7, "delay_prior": 1e-3, "clock_prior": 1e-5,
     "accel_bias_prior": 1e-3, "lever_prior": 1.0, "coupling_prior": 0.5, "scale_prior": np.full((3, 3), 1e-4),
-    "use_velocity": True,
+    "use_velocity": True, "angle_open": np.diag([1e-6, 2e-6, 4e-2]),
 }  # fmt: skip
 NOISE = m.Noise(**{field.name: GIVEN.get(field.name, 1e-3) for field in fields(m.Noise)})
 
@@ -245,9 +245,9 @@ def test_prior_of_what_the_attitudes_show_is_that_of_its_parts(base) -> None:
     P = m.build(obs, NOISE, -np.eye(3), np.zeros(m.SIZE)).P0
     rate = obs.rate_m[0]
     clock = NOISE.delay_prior**2 + (NOISE.clock_prior * obs.centred[0]) ** 2
-    expected = np.diag(NOISE.std**2) + (NOISE.phi_prior**2 + NOISE.drift_prior**2) * np.eye(3)
+    expected = np.diag(NOISE.std**2) + (NOISE.phi_prior**2 + NOISE.drift_prior**2) * np.eye(3) + 2.0 * NOISE.angle_open
     np.testing.assert_allclose(P[:3, :3], expected + clock * np.outer(rate, rate), rtol=1e-9, atol=1e-15)
-    np.testing.assert_allclose(P[:3, m.PHI : m.PHI + 3], NOISE.phi_prior**2 * np.eye(3), rtol=1e-12)
+    np.testing.assert_allclose(P[:3, m.PHI : m.PHI + 3], NOISE.phi_prior**2 * np.eye(3) + NOISE.angle_open, rtol=1e-12)
 
 
 def test_without_velocity_nothing_of_it_is_measured_or_stepped(base) -> None:

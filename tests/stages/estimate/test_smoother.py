@@ -22,6 +22,7 @@ from tests.stages.estimate.runs import (
     slower,
     twin_of,
 )  # fmt: skip
+from twin import make_twin
 
 
 @pytest.fixture(scope="module")
@@ -252,3 +253,19 @@ def test_slow_bending_does_not_pass_for_a_drift_of_the_heading() -> None:
     tenth = len(heading) // 10
     assert abs(heading[-tenth:].mean() - heading[:tenth].mean()) < 1.2 * sigma
     assert any("quasi-static" in sentence for sentence in run.deformation.used)
+
+
+STILL = {"pitch": [[0.003, 8.0, 0.0]], "roll": [[0.003, 7.0, 0.0]], "heading": [[0.002, 9.0, 0.0]]}
+
+
+def test_noise_of_coarse_gyros_is_not_taken_for_motion() -> None:
+    # Of a ship that lies still they show little but themselves: no heading, no delay, and tilt as gravity gives it.
+    twin = twin_of("idam", 100.0, imu=MEMS, sea=STILL)
+    opposite = {**twin.model_dump()["imu"]["sub"], "gyro_bias_dph": [-150.0, 180.0, 90.0]}
+    twin = make_twin({**twin.model_dump(), "imu": {**twin.model_dump()["imu"], "sub": opposite}})
+    run = estimated(*simulated(twin, 1))
+    assert run.deformation.alignment.static.status is Status.NOT_OBSERVABLE
+    assert run.deformation.parameters["time_delay"].status is Status.NOT_OBSERVABLE
+    assert run.predicted[2] > 600.0
+    assert np.all(run.rmse[:2] < 120.0)
+    honest(run)
