@@ -152,8 +152,7 @@ def drift_rows(group: Group) -> list[tuple[str, ...]]:
          f"{_signed(line.slope, 3)} ± {number(line.slope_std, 2)}",
          f"{_signed(line.slope_ci95[0], 2)} to {_signed(line.slope_ci95[1], 2)}",
          f"{line.p_value:.2g}", f"{line.excess:.2g}")
-        for axis, line in zip(NAMES, (fit.line for fit in group.drifts))
-        if np.isfinite(line.slope)
+        for axis, line in _known(group.drifts)
     ]  # fmt: skip
 
 
@@ -162,9 +161,13 @@ def law_rows(group: Group) -> list[tuple[str, ...]]:
     return [
         (group.name, axis, str(line.count), f"{np.exp(line.value):.3f}", f"{line.slope:+.2f} ± {line.slope_std:.2f}",
          f"{line.p_value:.2g}", f"{100 * line.excess:.0f}")
-        for axis, line in zip(NAMES, (fit.line for fit in group.laws))
-        if np.isfinite(line.slope)
+        for axis, line in _known(group.laws)
     ]  # fmt: skip
+
+
+def _known(fits: Iterable[Fitted]) -> list[tuple[str, Line]]:
+    """Lines that could be fitted, each with its axis."""
+    return [(axis, fit.line) for axis, fit in zip(NAMES, fits) if np.isfinite(fit.line.slope)]
 
 
 def effect_rows(group: Group) -> list[tuple[str, ...]]:

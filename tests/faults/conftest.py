@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from schemas.wire import Table, read_log, write_log
+from tests.faults.corpus import CHUNK
 from tests.pipeline.running import run_command
 
 TWIN = """
@@ -34,7 +35,6 @@ damping = [0.2, 0.15, 0.15]
 frequency = [0.6, 0.45, 0.4]
 std_arcmin = [3.0, 2.5, 4.0]
 """
-CHUNK = 100_000  # bytes: some tens of chunks
 
 
 @pytest.fixture(scope="session")

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
 
 import numpy as np
 
+from schemas.wire import Table, write_log
 from tests.faults import channels as ch
 from tests.faults import container as ct
 from tests.faults.channels import MAIN, SUB, everywhere, gap, on, without
 from tests.faults.outcomes import Answered, Refused
 
 PAIR = (MAIN, SUB)
+CHUNK = 100_000  # bytes: some tens of chunks
 
 
 @dataclass(frozen=True)
@@ -21,6 +25,16 @@ class Damaged:
 
     bytes: ct.Bytes | None = None
     channels: ch.Mutation | None = None
+
+    def write(self, sound: bytes, tables: Mapping[str, Table], path: Path) -> None:
+        """The damaged copy of a sound log, given as a file and as tables."""
+        if self.bytes is not None:
+            path.write_bytes(self.bytes(sound))
+            return
+        assert self.channels is not None
+        mutable = dict(tables)
+        self.channels(mutable)
+        write_log(path, list(mutable.values()), chunk_bytes=CHUNK)
 
 
 def file(mutation: ct.Bytes) -> Damaged:

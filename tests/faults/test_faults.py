@@ -6,20 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from schemas.wire import Table, write_log
-from tests.faults.conftest import CHUNK
-from tests.faults.corpus import Damaged, Fault
+from schemas.wire import Table
+from tests.faults.corpus import Fault
 from tests.faults.outcomes import Refused, assert_answered, assert_refused, run
-
-
-def damaged(damage: Damaged, tables: dict[str, Table], sound: bytes, path: Path) -> None:
-    if damage.bytes is not None:
-        path.write_bytes(damage.bytes(sound))
-    else:
-        assert damage.channels is not None
-        mutable = dict(tables)
-        damage.channels(mutable)
-        write_log(path, list(mutable.values()), chunk_bytes=CHUNK)
 
 
 @pytest.mark.parametrize("fault", Fault, ids=lambda fault: fault.name)
@@ -27,7 +16,7 @@ def test_the_fault_has_its_outcome(fault: Fault, tables: dict[str, Table], sound
     damage, outcome = fault.value
     path, out = tmp_path / "trial.mcap", tmp_path / "out"
     out.mkdir()
-    damaged(damage, tables, sound, path)
+    damage.write(sound, tables, path)
     before = path.read_bytes()
     told = run(path, out / "out.mcap")
     assert path.read_bytes() == before

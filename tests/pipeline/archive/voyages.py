@@ -90,19 +90,9 @@ def damage(folder: Path) -> dict[str, Fault]:
     made = {}
     for fault, source in zip(DAMAGES, sources, strict=False):
         target = bad / f"{fault.name.lower()}.mcap"
-        _spoil(source, target, fault)
+        fault.value[0].write(source.read_bytes(), read_log(source).tables, target)
         made[f"bad/{target.name}"] = fault
     return made
-
-
-def _spoil(source: Path, target: Path, fault: Fault) -> None:
-    done = fault.value[0]
-    if done.bytes is not None:
-        target.write_bytes(done.bytes(source.read_bytes()))
-        return
-    tables = dict(read_log(source).tables)
-    done.channels(tables)
-    write_log(target, list(tables.values()))
 
 
 def drift_of(rows: dict[str, dict[str, float]], axis: str) -> tuple[float, float]:
