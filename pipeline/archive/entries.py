@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,11 @@ from pipeline.archive.config import Config
 from pipeline.archive.source import Source
 from pipeline.documents import run_document
 from pipeline.one_log import LogRun
-from schemas.products import FlexureModel
+from schemas.products import FlexureModel, Result
+from schemas.trial import Trial
 from stages.archive.sea import motion_of
 from stages.publish.summary import plain
-from stages.publish.verdict import verdict
+from stages.publish.verdict import Grade, verdict
 
 
 def heading(source: Source, sha256: str, config: Config) -> dict[str, Any]:
@@ -38,7 +40,12 @@ def facts(run: LogRun) -> dict[str, Any]:
         "end_utc": _utc(int(trial.main.stamp[-1])),
         "rig": trial.rig.name,
         "summary": run_document(run, {}),
-        "verdict": {"grade": str(judged.grade), "found": judged.found, "reasons": list(judged.reasons)},
+        "verdict": {
+            "grade": str(judged.grade),
+            "found": judged.found,
+            "reasons": list(judged.reasons),
+            "usable": usable(run.result, trial),
+        },
         "flexure": _flexure(deformation.flexure),
         "motion": {
             "rate_dps": np.rad2deg(motion.rate_std),
@@ -47,6 +54,12 @@ def facts(run: LogRun) -> dict[str, Any]:
         },
     }
     return dict(plain(document))
+
+
+def usable(result: Result, trial: Trial) -> bool:
+    """Whether trends over voyages may use it: the truth of a simulated log, which no real one has, is not asked."""
+    unaided = replace(result, scores=tuple(score for score in result.scores if score.reference != "truth"))
+    return verdict(unaided, trial).grade is not Grade.BAD
 
 
 def _flexure(model: FlexureModel) -> dict[str, Any]:

@@ -17,7 +17,7 @@ SCHEMA: dict[str, pl.DataType] = {
     "key": TEXT, "state": TEXT, "name": TEXT, "folder": TEXT, "log": TEXT, "sha256": TEXT, "bytes": WHOLE,
     "config": TEXT, "version": TEXT, "estimator": TEXT, "identifier": TEXT, "rig": TEXT,
     "start_utc": pl.Datetime("us", "UTC"), "duration_s": REAL, "samples": WHOLE, "reason": TEXT,
-    "grade": TEXT, "doubts": LISTED, "warnings": LISTED,
+    "grade": TEXT, "usable": pl.Boolean(), "doubts": LISTED, "warnings": LISTED,
     "axis": TEXT,
     "static_arcmin": REAL, "static_std_arcmin": REAL, "static_status": TEXT,
     "time_delay_s": REAL, "time_delay_std_s": REAL, "time_delay_status": TEXT,
@@ -34,6 +34,7 @@ SCHEMA: dict[str, pl.DataType] = {
 }  # fmt: skip
 """Every column: angles in arcminutes, rates in degrees per second, curvature in rad/m, times in s and UTC.
 
+usable: whether trends use the log; the truth of a simulated one has no say in it.
 static_*: the angle between the units, about the axis. flexure_log_std: standard deviation of ln flexure_std_arcmin.
 rmse_ratio: RMSE over what the estimate's covariance and the reference's noise allow, the largest of the references.
 motion_dps: of the ship about the axis, roughness_dps: pitch and roll together. deck_*: the curvature about the axis
@@ -84,6 +85,7 @@ def _of_log(entry: Mapping[str, Any]) -> Row:
         "duration_s": summary["duration_s"],
         "samples": summary["samples"],
         "grade": entry["verdict"]["grade"],
+        "usable": entry["verdict"].get("usable", entry["verdict"]["grade"] != "bad"),
         "doubts": entry["verdict"]["reasons"],
         "warnings": summary["warnings"],
         "time_delay_s": summary["time_delay_s"],

@@ -125,7 +125,7 @@ def _axis(frame: pl.DataFrame, axis: str) -> pl.DataFrame:
 
 def _drift(rows: pl.DataFrame, epoch: int) -> Fitted:
     """Of the static angle; logs that are not to be relied on, or do not show it, are left out."""
-    good = rows.filter((pl.col("grade") != "bad") & (pl.col("static_status") != "not observable"))
+    good = rows.filter(pl.col("usable") & (pl.col("static_status") != "not observable"))
     good = good.filter(pl.col("static_arcmin").is_finite() & (pl.col("static_std_arcmin") > 0))
     stamp, y, std = _stamps(good), _real(good, "static_arcmin"), _real(good, "static_std_arcmin")
     line = drift(stamp, y, std, epoch)
@@ -134,7 +134,7 @@ def _drift(rows: pl.DataFrame, epoch: int) -> Fitted:
 
 def _law(rows: pl.DataFrame) -> Fitted:
     """ln flexure against ln roughness."""
-    good = rows.filter((pl.col("grade") != "bad") & (pl.col("flexure_status") != "not observable"))
+    good = rows.filter(pl.col("usable") & (pl.col("flexure_status") != "not observable"))
     good = good.filter(
         (pl.col("flexure_std_arcmin") > 0) & (pl.col("roughness_dps") > 0) & (pl.col("flexure_log_std") > 0)
     )

@@ -103,11 +103,22 @@ def test_logs_not_to_be_relied_on_bend_no_trend(entry):
     assert survey_document(survey, (), "")["worst"][0]["doubts"] == ["wild"]
 
 
+def test_the_truth_of_a_simulated_log_has_no_say_in_trends(done):
+    judged = [json.loads(path.read_bytes())["verdict"] for path in entries(done / "out")]
+    against = [one for one in judged if one["grade"] == "bad" and "truth contradicts" in one["reasons"][0]]
+    alone = [one for one in against if not any(" contradicts" in reason for reason in one["reasons"][1:])]
+    assert alone
+    assert any(one["usable"] for one in alone)
+    rows = [json.loads(path.read_bytes()) for path in entries(done / "out")]
+    survey = surveyed(framed(rows))
+    assert survey.groups[0].drifts[0].line.count == sum(one["usable"] for one in judged)
+
+
 def test_a_step_in_one_voyage_is_pointed_out(entry):
     rows = varied(entry, 12)
     rows[7]["summary"]["static_arcmin"] = [v + 40 * s for v, s in zip(rows[7]["summary"]["static_arcmin"],
                                            rows[7]["summary"]["details"]["static_std_arcmin"])]  # fmt: skip
-    rows[7]["verdict"]["grade"] = "good"
+    rows[7]["verdict"] |= {"grade": "good", "usable": True}
     document = survey_document(surveyed(framed(rows)), (), "")
     assert document["installations"][0]["static_angle"]["z"]["off_the_line"] == ["voyage-7.mcap"]
     json.dumps(document, allow_nan=False)
