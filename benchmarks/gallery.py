@@ -10,6 +10,7 @@ import io
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -34,7 +35,7 @@ PATIENCE = 90.0  # s for the viewer to open a recording
 SETTLE = 6.0  # s until its opening messages are gone
 LENGTH = "120"  # s of the simulated trial
 EXPERIMENT = "sliding"
-VOYAGES, VOYAGE = 8, 60.0  # s each
+VOYAGES, VOYAGE = 6, 50.0  # s each
 FIRST = 1_767_225_600  # s, of the first voyage
 ESTIMATORS = ("smoother", "filter", "td-ma", "traditional")
 
@@ -176,7 +177,11 @@ def viewer(recording: Path) -> Iterator[Any]:
     with tempfile.TemporaryDirectory() as home:
         quiet = {"XDG_RUNTIME_DIR": home, "XDG_DATA_HOME": home, "XDG_CONFIG_HOME": home, "RUST_LOG": "error"}
         shown = subprocess.Popen(
-            command, env={**os.environ, **quiet}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            command,
+            env={**os.environ, **quiet},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
         )
         try:
             client = opened(ViewerClient, f"rerun+http://127.0.0.1:{port}/proxy")
@@ -184,7 +189,7 @@ def viewer(recording: Path) -> Iterator[Any]:
             time.sleep(SETTLE)
             yield client
         finally:
-            shown.terminate()
+            os.killpg(shown.pid, signal.SIGTERM)  # the viewer is a child of what was started
             shown.wait(10)
 
 
