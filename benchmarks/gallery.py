@@ -30,12 +30,12 @@ from schemas.wire import Table, read_log, write_log
 TARGET = Path(__file__).parents[1] / "docs" / "gallery"
 WINDOW = (1600, 1000)
 SHOWN_WIDTH = 1120
-COLOURS = 200
+COLOURS = 96
 PATIENCE = 90.0  # s for the viewer to open a recording
 SETTLE = 6.0  # s until its opening messages are gone
 LENGTH = "120"  # s of the simulated trial
 EXPERIMENT = "sliding"
-VOYAGES, VOYAGE = 6, 50.0  # s each
+VOYAGES, VOYAGE = 5, 50.0  # s each
 FIRST = 1_767_225_600  # s, of the first voyage
 ESTIMATORS = ("smoother", "filter", "td-ma", "traditional")
 
@@ -241,7 +241,7 @@ def save(picture: Image.Image, name: str, width: int = SHOWN_WIDTH) -> None:
     """Smaller and in few colours: a page of documentation shall not weigh megabytes."""
     small = picture.resize((width, round(picture.height * width / picture.width)), Image.Resampling.LANCZOS)
     target = TARGET / f"{name}.png"
-    small.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(target, optimize=True)
+    small.quantize(COLOURS, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE).save(target, optimize=True)
     print(f"{target.name}: {target.stat().st_size / 1e3:.0f} kB", flush=True)
 
 

@@ -18,7 +18,7 @@ from stages.publish.axis import Axis
 from stages.publish.recording.scene import Colour
 
 WIDTH, HEIGHT = 160.0, 80.0
-KEY_HEIGHT, KEY_SPACE = 5.0, 4.0
+KEY_HEIGHT, KEY_SPACE = 3.0, 5.0
 MARGIN = (14.0, 7.0, 26.0, 12.0)  # left, top, right, bottom
 FRAME: Colour = (120, 120, 125)
 GRID: Colour = (58, 58, 62)

@@ -92,9 +92,9 @@ def colours_of(scene: Scene) -> list[tuple[str, Colour]]:
     """Names of the lines of the tab, with their colours."""
     references = [(REFERENCE_NAMES[s.reference], REFERENCE_COLOURS[s.reference]) for s in scene.scores]
     running = [(f"RMSE so far, {REFERENCE_NAMES[s.reference]}", RMSE_COLOURS[s.reference]) for s in scene.scores]
-    allowed = [(f"±3σ with {REFERENCE_NAMES[s.reference]}'s own", ALLOWED) for s in scene.scores
+    allowed = [(f"±3σ with {REFERENCE_NAMES[s.reference]}'s", ALLOWED) for s in scene.scores
                if (s.reference_noise > 0).any()]  # fmt: skip
-    return [("estimate ±3σ", BLUE), *references, ("±3σ of the estimate", GREY), *allowed, *running]
+    return [("estimate ±3σ", BLUE), *references, ("its ±3σ", GREY), *allowed, *running]
 
 
 def lanes_told(scene: Scene) -> list[str]:
