@@ -73,7 +73,7 @@ def tab(scene: Scene) -> rrb.Container:
     rows = [rrb.Horizontal(estimate_view(scene, axis), error_view(scene, axis)) for axis in range(3)]
     lanes = [f"$origin/{name}" for name in lanes_told(scene)]
     below = layout.lanes(scene, "Data, gaps and phases", "lanes", lanes)
-    left = rrb.Vertical(key(), *rows, below, row_shares=[KEY_SHARE, 3.0, 3.0, 3.0, 0.8 + 0.5 * len(lanes)])
+    left = rrb.Vertical(key(), *rows, below, row_shares=[KEY_SHARE, 3.0, 3.0, 3.0, 1.0 + 0.55 * len(lanes)])
     side: list[object] = [rrb.TextDocumentView(origin="summary", name="Summary")]
     side.append(ship.view(scene, 1.0 if has_track(scene.trial) else 1.3))
     if has_track(scene.trial):
