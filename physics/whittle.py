@@ -16,7 +16,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.signal.windows import tukey
 
 FloatArray = NDArray[np.float64]
 
@@ -94,11 +93,17 @@ def periodogram(segments: list[FloatArray]) -> Periodogram:
     """Tapered, pooled periodogram of increments; segments are contiguous pieces (n_i,), each transformed by itself."""
     omegas, powers = [], []
     for x in segments:
-        window = tukey(len(x), TAPER)
+        window = cosine_taper(len(x), TAPER)
         spectrum = np.abs(np.fft.rfft(x * window)) ** 2 / np.sum(window**2)
         omegas.append(2 * np.pi * np.arange(1, len(spectrum) - 1) / len(x))
         powers.append(spectrum[1 : len(spectrum) - 1])
     return _pool(np.concatenate(omegas), np.concatenate(powers))
+
+
+def cosine_taper(n: int, share: float) -> FloatArray:
+    """(n,) ones that fall to zero as half a cosine over half the share at either end (Tukey's window)."""
+    edge = np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.5 * share * (n - 1))
+    return np.asarray(0.5 * (1.0 - np.cos(np.pi * np.minimum(edge, 1.0))))
 
 
 def _pool(omega: FloatArray, power: FloatArray) -> Periodogram:

@@ -48,12 +48,13 @@ from schemas.rig import FloatArray
 from schemas.trial import IntArray
 from stages.paired import CARRIED_GAP_S, Observations
 
-ZETA, THETA_DOT, PHI, PHI_DOT = 0, 3, 6, 9
-D, EPS, DELAY, DRIFT = 12, 15, 18, 19
-V, NABLA, R, B, M, JITTER, JITTER_BEFORE, KAPPA, STEP_D, M_MAIN, STEP_V = 20, 23, 26, 29, 38, 47, 50, 53, 56, 59, 68
+# In the order that leaves least to do: what moves, then what moves it, then what is only measured.
+V, STEP_V, JITTER, JITTER_BEFORE, STEP_D, ZETA, THETA_DOT, PHI, D = 0, 3, 6, 9, 12, 15, 18, 21, 24
+EPS, PHI_DOT, DELAY, DRIFT, M, NABLA = 27, 30, 33, 34, 35, 44
+R, B, KAPPA, M_MAIN = 47, 50, 59, 62
 SIZE = 71
 ROW = 41  # entries of a row of H, at most
-GYRO_STATES = np.array([*range(V), *range(M, M + 9)])  # what the attitudes alone can see
+GYRO_STATES = np.arange(ZETA, NABLA)  # what the attitudes alone can see
 PIECE = 20_000  # steps whose model is held in memory at a time: a quarter of a gigabyte
 LEAD = 2  # steps: the first ones of a model do not know what was before them, and take no velocity
 PER_STEP = (
@@ -145,15 +146,18 @@ def _piece(obs: Observations, noise: Noise, coupling: FloatArray, x0: FloatArray
 
 def _sigma(noise: Noise) -> FloatArray:
     """(SIZE,) prior sigmas, theta's in the place of zeta's."""
-    ones = np.ones(3)
-    rate = np.sqrt(noise.stiffness) * noise.std
-    creep = noise.quasi_static * np.sqrt(1800.0) * ones
-    return np.concatenate([
-        noise.std, rate, noise.phi_prior * ones, creep, noise.drift_prior * ones, noise.gyro_bias_prior * ones,
-        [noise.delay_prior, noise.clock_prior], 10.0 * ones, noise.accel_bias_prior * ones, noise.lever_prior * ones,
-        noise.coupling_prior * np.ones(9), noise.scale_prior.ravel(), noise.jitter, noise.jitter,
-        noise.kappa_prior * ones, 0.0 * ones, noise.scale_prior.ravel(), 0.0 * ones,
-    ])  # fmt: skip
+    sigma, scale = np.zeros(SIZE), noise.scale_prior.ravel()
+    for first, value in (
+        (ZETA, noise.std), (THETA_DOT, np.sqrt(noise.stiffness) * noise.std), (PHI, noise.phi_prior),
+        (PHI_DOT, noise.quasi_static * np.sqrt(1800.0)), (D, noise.drift_prior), (EPS, noise.gyro_bias_prior),
+        (V, 10.0), (NABLA, noise.accel_bias_prior), (R, noise.lever_prior), (JITTER, noise.jitter),
+        (JITTER_BEFORE, noise.jitter), (KAPPA, noise.kappa_prior),
+    ):  # fmt: skip
+        sigma[first : first + 3] = value
+    for first, value in ((B, noise.coupling_prior), (M, scale), (M_MAIN, scale)):
+        sigma[first : first + 9] = value
+    sigma[DELAY], sigma[DRIFT] = noise.delay_prior, noise.clock_prior
+    return sigma
 
 
 def _prior(obs: Observations, noise: Noise) -> FloatArray:
@@ -292,8 +296,8 @@ def _process(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, Float
                 Q.add(ZETA + axis, ZETA + other, shown[:, axis, other])
                 Q.add(D + axis, D + other, drift[:, axis, other])
             if noise.use_velocity:
-                Q.add(ZETA + axis, STEP_D + other, seen[:, axis, other])
-                Q.add(D + axis, STEP_D + other, drift[:, axis, other])
+                Q.add(STEP_D + other, ZETA + axis, seen[:, axis, other])
+                Q.add(STEP_D + other, D + axis, drift[:, axis, other])
                 if other >= axis:
                     Q.add(STEP_D + axis, STEP_D + other, drift[:, axis, other])
     return Q.arrays()
@@ -315,8 +319,9 @@ def _measurements(
     obs: Observations, noise: Noise, coupling: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     N = len(obs.dt)
-    columns = np.zeros((6, ROW), dtype=np.int64)
-    rows = np.zeros((N, 6, ROW))
+    width = ROW if noise.use_velocity else 1
+    columns = np.zeros((6, width), dtype=np.int64)
+    rows = np.zeros((N, 6, width))
     for i in range(3):
         columns[i, 0] = ZETA + i
         rows[:, i, 0] = 1.0

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import polars as pl
 
 from physics.units import ARCMIN
 from schemas.errors import DataError
@@ -14,6 +14,9 @@ from schemas.trial import Trial
 from schemas.wire import append_tables, write_log
 from stages.publish import OWN_TOPICS
 from stages.publish.tables import MAIN_FRAME, result_tables
+
+if TYPE_CHECKING:
+    import polars as pl
 
 RECORD = "deckflex"  # name of the metadata record that says how the estimates came about
 
@@ -60,6 +63,8 @@ def write_parquet(result: Result, directory: Path, stem: str) -> tuple[Path, ...
 
 
 def _write(frame: pl.DataFrame, partial: Path, path: Path) -> None:
+    import polars as pl
+
     try:
         frame.write_parquet(partial)
     except pl.exceptions.PolarsError as error:  # an error of the file system comes as one of polars' own
@@ -68,6 +73,8 @@ def _write(frame: pl.DataFrame, partial: Path, path: Path) -> None:
 
 def deformation_frame(deformation: Deformation) -> pl.DataFrame:
     """One row per sample: time (UTC), angles and standard deviations in arcminutes, m-axes."""
+    import polars as pl
+
     std = np.sqrt(np.diagonal(deformation.covariance, axis1=1, axis2=2))
     parts = {
         "total": deformation.total,
@@ -83,6 +90,8 @@ def deformation_frame(deformation: Deformation) -> pl.DataFrame:
 
 def deck_shape_frame(shape: DeckShape) -> pl.DataFrame:
     """The curves over all runs, one row per place: rad/m and m, as in DeckShape."""
+    import polars as pl
+
     curves = {
         f"{name}{suffix}_rad_per_m": values[:, i]
         for suffix, values in (("", shape.curvature), ("_std", shape.std))

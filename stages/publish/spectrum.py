@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.fft import next_fast_len
-from scipy.signal import welch
 
 from physics.interpolation import gap_starts
 from schemas.products import Deformation, FlexureModel
@@ -36,10 +35,22 @@ def drawable(deformation: Deformation) -> tuple[FloatArray, float] | None:
 
 def measured_spectrum(theta: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     """Frequency (k,) Hz and one-sided density (k, 3) rad^2/Hz of flexure (n, 3), Welch's method."""
-    length = int(min(SEGMENT * rate, len(theta) / 4))
+    length = max(int(min(SEGMENT * rate, len(theta) / 4)), MIN_SAMPLES)
     # Axis by axis, here and below: a transform takes several times the memory of its signal.
-    found = [welch(axis, rate, nperseg=max(length, MIN_SAMPLES), detrend="linear") for axis in theta.T]
-    return found[0][0][1:], np.stack([density for _, density in found], axis=1)[1:]
+    density = np.stack([_welch(axis, rate, length) for axis in theta.T], axis=1)
+    return np.asarray(np.arange(1, len(density)) * rate / length), density[1:]
+
+
+def _welch(x: FloatArray, rate: float, length: int) -> FloatArray:
+    """One-sided density, the mean over segments of ``length`` samples that overlap by half: Hann, straight line off."""
+    segments = np.lib.stride_tricks.sliding_window_view(x, length)[:: length - length // 2]
+    k = np.arange(length) - 0.5 * (length - 1)
+    level = segments - segments.mean(axis=1, keepdims=True)
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    transform = np.fft.rfft((level - np.outer(level @ k / (k @ k), k)) * window)
+    density = np.mean(transform.real**2 + transform.imag**2, axis=0) / (rate * (window @ window))
+    density[1 : (length + 1) // 2] *= 2.0  # not the mean nor, at an even length, the highest frequency
+    return np.asarray(density)
 
 
 def model_spectrum(f: FloatArray, model: FlexureModel) -> FloatArray:

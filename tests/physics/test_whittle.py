@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.signal import periodogram as scipy_periodogram
+from scipy.signal.windows import tukey
 
 from physics import flexure, whittle
 from physics.units import ARCMIN, DEG_PER_SQRT_HOUR
@@ -81,7 +82,7 @@ def test_periodogram_of_white_noise_has_its_variance() -> None:
 def test_periodogram_keeps_low_frequencies_apart_and_pools_high_ones_without_loss() -> None:
     x = np.random.default_rng(2).standard_normal(8_000)
     found = whittle.periodogram([x])
-    window = whittle.tukey(len(x), whittle.TAPER)
+    window = whittle.cosine_taper(len(x), whittle.TAPER)
     frequency, power = scipy_periodogram(x, 2 * np.pi, window=window, detrend=False)
     np.testing.assert_allclose(found.omega[:400], frequency[1:401], rtol=1e-12)
     np.testing.assert_allclose(found.power[:400], np.pi * power[1:401], rtol=1e-9)
@@ -174,3 +175,8 @@ def test_start_near_the_optimum_and_search_from_afar_meet() -> None:
     np.testing.assert_allclose(
         np.log([near.damping, near.stiffness, near.std]), np.log([afar.damping, afar.stiffness, afar.std]), atol=0.02
     )
+
+
+@pytest.mark.parametrize("n", [64, 101, 2000])
+def test_taper_is_tukeys_window(n: int) -> None:
+    np.testing.assert_allclose(whittle.cosine_taper(n, 0.1), tukey(n, 0.1), atol=1e-14)

@@ -230,7 +230,7 @@ def test_process_noise_of_the_gyros_is_the_same_in_d_and_in_what_the_attitudes_s
     Q = np.zeros((m.SIZE, m.SIZE))
     np.add.at(Q, (model.noise_row, model.noise_col), model.noise[k])
     Q = np.triu(Q) + np.triu(Q, 1).T
-    d, zeta = slice(m.D, m.D + 3), slice(0, 3)
+    d, zeta = slice(m.D, m.D + 3), slice(m.ZETA, m.ZETA + 3)
     np.testing.assert_allclose(Q[d, d], 1e-6 * obs.dt[k] * np.eye(3), rtol=0.02, atol=1e-9)
     flex = np.diag([flexure.noise_covariance(NOISE.damping[i], NOISE.stiffness[i], NOISE.std[i], obs.dt[k])[0, 0]
                     for i in range(3)])  # fmt: skip
@@ -243,11 +243,12 @@ def test_process_noise_of_the_gyros_is_the_same_in_d_and_in_what_the_attitudes_s
 def test_prior_of_what_the_attitudes_show_is_that_of_its_parts(base) -> None:
     obs, _ = base
     P = m.build(obs, NOISE, -np.eye(3), np.zeros(m.SIZE)).P0
+    zeta = slice(m.ZETA, m.ZETA + 3)
     rate = obs.rate_m[0]
     clock = NOISE.delay_prior**2 + (NOISE.clock_prior * obs.centred[0]) ** 2
     expected = np.diag(NOISE.std**2) + (NOISE.phi_prior**2 + NOISE.drift_prior**2) * np.eye(3) + 2.0 * NOISE.angle_open
-    np.testing.assert_allclose(P[:3, :3], expected + clock * np.outer(rate, rate), rtol=1e-9, atol=1e-15)
-    np.testing.assert_allclose(P[:3, m.PHI : m.PHI + 3], NOISE.phi_prior**2 * np.eye(3) + NOISE.angle_open, rtol=1e-12)
+    np.testing.assert_allclose(P[zeta, zeta], expected + clock * np.outer(rate, rate), rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(P[zeta, m.PHI : m.PHI + 3], NOISE.phi_prior**2 * np.eye(3) + NOISE.angle_open, rtol=1e-12)
 
 
 def test_without_velocity_nothing_of_it_is_measured_or_stepped(base) -> None:

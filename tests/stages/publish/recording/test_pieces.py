@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import welch
 
 from physics.units import ARCMIN
 from stages.publish.axis import Axis, legible, round_step, span_of
@@ -89,6 +90,15 @@ def test_model_autocorrelation_is_the_transform_of_the_spectrum():
     spectrum = model_spectrum(f, MODEL)
     expected = [np.trapezoid(kernel[:, [k]] * spectrum, f, axis=0) / MODEL.std**2 for k in range(3)]
     np.testing.assert_allclose(model_autocorrelation(lag, MODEL), expected, atol=0.01)
+
+
+@pytest.mark.parametrize("n", [1000, 1003])
+def test_measured_spectrum_is_welchs(n: int) -> None:
+    theta = np.random.default_rng(3).standard_normal((n, 3)) + np.linspace(0.0, 5.0, n)[:, None]
+    f, density = measured_spectrum(theta, 10.0)
+    expected, powers = welch(theta[:, 1], 10.0, nperseg=n // 4, detrend="linear")
+    np.testing.assert_allclose(f, expected[1:])
+    np.testing.assert_allclose(density[:, 1], powers[1:], rtol=1e-9)
 
 
 def test_measured_spectrum_and_correlation_follow_the_model_on_a_long_record():
