@@ -84,9 +84,9 @@ def bridge(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> Unit:
 @njit(cache=True, nogil=True)
 def _exp_quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     angle2 = x * x + y * y + z * z
-    if angle2 < 1e-8:  # series: the error of the dropped terms is below 1e-19
-        s = 0.5 - angle2 / 48.0
-        return s * x, s * y, s * z, 1.0 - angle2 / 8.0 + angle2 * angle2 / 384.0
+    if angle2 < 1e-3:  # series: the error of the dropped terms is below 1e-19
+        s = 0.5 - angle2 * (1.0 / 48.0 - angle2 * (1.0 / 3840.0 - angle2 / 645120.0))
+        return s * x, s * y, s * z, 1.0 - angle2 * (0.125 - angle2 * (1.0 / 384.0 - angle2 / 46080.0))
     angle = np.sqrt(angle2)
     s = np.sin(0.5 * angle) / angle
     return s * x, s * y, s * z, np.cos(0.5 * angle)
@@ -113,25 +113,21 @@ def _integrate(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[Floa
     attitude[0, 3] = 1.0
     q = np.array([0.0, 0.0, 0.0, 1.0])
     half = np.empty(4)
-    phi_old = np.zeros(3)
-    dv_old = np.zeros(3)
+    old = t[1] - t[0] if n > 1 else 0.0  # before the first interval all is as within it
+    first = min(1, n - 1)
+    ox, oy, oz = gyro[first, 0] * old, gyro[first, 1] * old, gyro[first, 2] * old
+    ux, uy, uz = accel[first, 0] * old, accel[first, 1] * old, accel[first, 2] * old
     for k in range(1, n):
         dt = t[k] - t[k - 1]
-        phi = gyro[k] * dt
-        dv = accel[k] * dt
-        if k == 1:
-            put(phi_old, phi)
-            put(dv_old, dv)
-        # Sculling for linearly varying rate and force, in axes of the middle of the interval.
-        sx = dv[0] + (phi_old[1] * dv[2] - phi_old[2] * dv[1] + dv_old[1] * phi[2] - dv_old[2] * phi[1]) / 12.0
-        sy = dv[1] + (phi_old[2] * dv[0] - phi_old[0] * dv[2] + dv_old[2] * phi[0] - dv_old[0] * phi[2]) / 12.0
-        sz = dv[2] + (phi_old[0] * dv[1] - phi_old[1] * dv[0] + dv_old[0] * phi[1] - dv_old[1] * phi[0]) / 12.0
-        # And for the turning itself: half the rotation leaves phi x (phi x dv) / 24 of it.
-        cx, cy, cz = phi[1] * dv[2] - phi[2] * dv[1], phi[2] * dv[0] - phi[0] * dv[2], phi[0] * dv[1] - phi[1] * dv[0]
-        sx += (phi[1] * cz - phi[2] * cy) / 24.0
-        sy += (phi[2] * cx - phi[0] * cz) / 24.0
-        sz += (phi[0] * cy - phi[1] * cx) / 24.0
-        bx, by, bz, bw = _exp_quaternion(0.5 * phi[0], 0.5 * phi[1], 0.5 * phi[2])
+        px, py, pz = gyro[k, 0] * dt, gyro[k, 1] * dt, gyro[k, 2] * dt
+        dx, dy, dz = accel[k, 0] * dt, accel[k, 1] * dt, accel[k, 2] * dt
+        # Sculling for linearly varying rate and force, in axes of the middle of the interval; and for the turning
+        # itself: half the rotation leaves phi x (phi x dv) / 24 of it.
+        cx, cy, cz = py * dz - pz * dy, pz * dx - px * dz, px * dy - py * dx
+        sx = dx + (oy * dz - oz * dy + uy * pz - uz * py) / 12.0 + (py * cz - pz * cy) / 24.0
+        sy = dy + (oz * dx - ox * dz + uz * px - ux * pz) / 12.0 + (pz * cx - px * cz) / 24.0
+        sz = dz + (ox * dy - oy * dx + ux * py - uy * px) / 12.0 + (px * cy - py * cx) / 24.0
+        bx, by, bz, bw = _exp_quaternion(0.5 * px, 0.5 * py, 0.5 * pz)
         _multiply(q, bx, by, bz, bw, half)
         vx, vy, vz = turned(half, sx, sy, sz)
         velocity[k, 0] = velocity[k - 1, 0] + vx
@@ -139,10 +135,10 @@ def _integrate(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[Floa
         velocity[k, 2] = velocity[k - 1, 2] + vz
         _multiply(half, bx, by, bz, bw, q)
         norm = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-        q *= norm
-        put(attitude[k], q)
-        put(phi_old, phi)
-        put(dv_old, dv)
+        for c in range(4):
+            q[c] *= norm
+            attitude[k, c] = q[c]
+        ox, oy, oz, ux, uy, uz = px, py, pz, dx, dy, dz
     return attitude, velocity
 
 
@@ -173,6 +169,44 @@ def _log_relative(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     s = np.sqrt(x * x + y * y + z * z)
     scale = 2.0 / w * (1.0 - s * s / (3.0 * w * w)) if s < 1e-4 else 2.0 * np.arctan2(s, w) / s
     out[0], out[1], out[2] = scale * x, scale * y, scale * z
+
+
+@njit(cache=True, nogil=True)
+def _deformation(a_m: FloatArray, a_s: FloatArray, d: FloatArray, shift: FloatArray) -> FloatArray:
+    n = len(a_m)
+    out = np.empty((n, 4))
+    to_m, turn = np.empty(4), np.empty(4)
+    for k in range(n):
+        for c in range(3):
+            to_m[c] = -a_m[k, c]
+        to_m[3] = a_m[k, 3]
+        x, y, z = turned(to_m, d[k, 0], d[k, 1], d[k, 2])
+        turn[0], turn[1], turn[2], turn[3] = _exp_quaternion(shift[k, 0] - x, shift[k, 1] - y, shift[k, 2] - z)
+        _multiply(turn, to_m[0], to_m[1], to_m[2], to_m[3], to_m)
+        _multiply(to_m, a_s[k, 0], a_s[k, 1], a_s[k, 2], a_s[k, 3], out[k])
+    return out
+
+
+def deformation(a_m: FloatArray, a_s: FloatArray, d: FloatArray, shift: FloatArray) -> FloatArray:
+    """``Exp(shift - A_m^T d) A_m^T A_s`` (n, 4) from attitudes (n, 4) and vectors (n, 3)."""
+    return np.asarray(_deformation(a_m, a_s, d, shift))
+
+
+@njit(cache=True, nogil=True)
+def _increments(q: FloatArray) -> FloatArray:
+    out = np.empty((max(len(q) - 1, 0), 3))
+    before, after = np.empty(4), np.empty(4)
+    for k in range(len(out)):
+        for c in range(4):  # Log(B A^T) is Log(A'^T B') of the inverses
+            sign = 1.0 if c == 3 else -1.0
+            before[c], after[c] = sign * q[k, c], sign * q[k + 1, c]
+        _log_relative(after, before, out[k])
+    return out
+
+
+def increments(q: FloatArray) -> FloatArray:
+    """``Log(q[k+1] q[k]^-1)`` (n - 1, 3) of attitudes (n, 4), in the axes they turn into."""
+    return np.asarray(_increments(q))
 
 
 @njit(cache=True, nogil=True)

@@ -143,10 +143,7 @@ def fit(
     x, power = 2.0 * np.sin(0.5 * data.omega) ** 2, np.asarray(data.power, float)
 
     def cost(p: FloatArray) -> float:
-        prior = ((p[3] - np.log(noise_prior)) / noise_spread) ** 2
-        prior += ((0.5 * p[1] + np.log(PRIOR_CORRELATION_S)) / PRIOR_SPREAD) ** 2
-        prior += ((p[0] - 0.5 * p[1]) / PRIOR_SPREAD) ** 2
-        return float(_misfit_nats(np.exp(np.clip(p, -40, 20)), x, power, count, T, 1e-12 * total) + 0.5 * prior)
+        return _cost(p, x, power, count, T, 1e-12 * total, noise_prior, noise_spread)
 
     starts = _starts(data, total, T, noise_prior) if start is None else [np.log(np.array(start))]
     best = min((_minimise(cost, p0, start is None) for p0 in starts), key=lambda solution: solution.fun)
@@ -157,11 +154,27 @@ def fit(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _cost(
+    p: FloatArray, x: FloatArray, power: FloatArray, count: FloatArray, T: float, least: float, centre: float,
+    spread: float,
+) -> float:  # fmt: skip
+    """Negative log-posterior of ln mu, ln b^2, ln sigma and ln noise, its prior (centre, spread)."""
+    prior = ((p[3] - np.log(centre)) / spread) ** 2
+    prior += ((0.5 * p[1] + np.log(PRIOR_CORRELATION_S)) / PRIOR_SPREAD) ** 2
+    prior += ((p[0] - 0.5 * p[1]) / PRIOR_SPREAD) ** 2
+    mu, stiffness, sigma, noise = (
+        np.exp(min(max(p[0], -40.0), 20.0)), np.exp(min(max(p[1], -40.0), 20.0)),
+        np.exp(min(max(p[2], -40.0), 20.0)), np.exp(min(max(p[3], -40.0), 20.0)),
+    )  # fmt: skip
+    return _misfit_nats(mu, stiffness, sigma, noise, x, power, count, T, least) + 0.5 * prior
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _misfit_nats(
-    parameters: FloatArray, x: FloatArray, power: FloatArray, count: FloatArray, T: float, least: float
-) -> float:
+    mu: float, stiffness: float, sigma: float, noise: float, x: FloatArray, power: FloatArray, count: FloatArray,
+    T: float, least: float,
+) -> float:  # fmt: skip
     """sum count (ln S + I/S) for mu, b^2, sigma and noise at x = 1 - cos w; S is at least ``least``."""
-    mu, stiffness, sigma, noise = parameters
     n0, n1, d0, d1, d2 = _rational(mu, stiffness, sigma, T)
     total = 0.0
     for k in range(len(x)):

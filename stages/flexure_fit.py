@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from physics import quaternions, whittle
+from physics import matching, whittle
 from physics.units import ARCMIN, DEG_PER_SQRT_HOUR
 from schemas.errors import DataError
 from schemas.products import BoolArray, FlexureModel, Status
 from schemas.rig import FloatArray, Rig
-from stages.paired import slabs
 
 SHORTEST_RUN_S = 10.0  # s: pieces between gaps shorter than this are left out
 GYRO_NOISE = 1.4e-3 * DEG_PER_SQRT_HOUR  # of the difference of two fibre gyros; centre of a prior three decades wide
@@ -41,7 +40,7 @@ def fit_flexure(
     Raises DataError when no gapless piece is long enough.
     """
     T = float(np.median(np.diff(t)))
-    increments = rotation_increments(total)
+    increments = matching.increments(total)
     whole = _without_holes(good[1:] & good[:-1], int(HOLE_S / T))
     pieces = _pieces(whole, max(int(SHORTEST_RUN_S / T), 64))
     if not pieces:
@@ -53,15 +52,6 @@ def fit_flexure(
         fits.append(_fit_axis(data, T, centre, spread, _start(start, axis), dulled))
     length = sum(piece.stop - piece.start for piece in pieces) * T
     return _model(fits, length)
-
-
-def rotation_increments(total: FloatArray) -> FloatArray:
-    """(n - 1, 3) Log(T_k T_{k-1}^T)."""
-    out = np.empty((len(total) - 1, 3))
-    for part in slabs(len(out)):
-        later = total[part.start + 1 : part.stop + 1]
-        out[part] = quaternions.log(quaternions.multiply(later, quaternions.conjugate(total[part])))
-    return out
 
 
 def _start(model: FlexureModel | None, axis: int) -> tuple[float, float, float, float] | None:

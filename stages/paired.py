@@ -122,11 +122,9 @@ class Observations:
 
     def total_at(self, rows: slice | IntArray, d: FloatArray, delay: FloatArray) -> FloatArray:
         """Some rows of :meth:`total`."""
-        to_m, t = quaternions.conjugate(self.main.attitude[rows]), self.t[rows]
-        turned = quaternions.rotate(to_m, self.spread(d, t))
-        correction = self.spread(self.rate_m, t) * self.spread(delay[:, None], t) - turned
-        Y = quaternions.multiply(to_m, self.sub.attitude[rows])
-        return quaternions.multiply(quaternions.exp(correction), Y)
+        t = self.t[rows]
+        shift = self.spread(self.rate_m, t) * self.spread(delay[:, None], t)
+        return matching.deformation(self.main.attitude[rows], self.sub.attitude[rows], self.spread(d, t), shift)
 
     def rates(self) -> FloatArray:
         """(n, 3) rad/s, rate of the main IMU at the samples, linear between steps: it multiplies small delays."""

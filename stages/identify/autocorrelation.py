@@ -22,7 +22,7 @@ from schemas.products import Alignment, FlexureModel, Status
 from schemas.rig import FloatArray
 from schemas.trial import Trial
 from stages.drift import BREAK_S, SHORTEST_PIECE_S, drift_of_pieces
-from stages.flexure_fit import SHORT_RECORD, WEAK_SIGMA, rotation_increments
+from stages.flexure_fit import SHORT_RECORD, WEAK_SIGMA
 from stages.paired import Linearisation, Observations, observe, pair
 
 FIRST_RANGE_S = 25.0  # s of lag in the first round; afterwards RANGE correlation times
@@ -214,7 +214,7 @@ def gyro_noise(obs: Observations, coarsest: float, parameters: FloatArray) -> Fl
     sample = float(np.median(np.diff(obs.t)))
     every = int(np.ceil(coarsest / sample - 1e-6)) * (2 if obs.dulled else 1)
     steps = np.zeros((len(obs.dt), 3))
-    x = rotation_increments(obs.total(steps, steps[:, 0])[::every])
+    x = matching.increments(obs.total(steps, steps[:, 0])[::every])
     good = obs.good[::every]
     x[~(good[1:] & good[:-1])] = np.nan
     T, found = every * sample, np.zeros(3)

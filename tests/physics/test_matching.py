@@ -151,6 +151,17 @@ def test_interpolation_refuses_instants_outside_and_paths_too_short() -> None:
         matching.interpolate(short, np.array([1.0]))
 
 
+def test_deformation_is_the_product_of_its_rotations_and_increments_are_logarithms() -> None:
+    rng = np.random.default_rng(5)
+    a_m, a_s = Rotation.random(50, rng=rng), Rotation.random(50, rng=rng)
+    d, shift = 0.3 * rng.standard_normal((2, 50, 3))
+    expected = Rotation.from_rotvec(shift - a_m.inv().apply(d)) * a_m.inv() * a_s
+    found = matching.deformation(a_m.as_quat(), a_s.as_quat(), d, shift)
+    np.testing.assert_allclose((Rotation.from_quat(found) * expected.inv()).as_rotvec(), 0.0, atol=1e-14)
+    steps = (expected[1:] * expected[:-1].inv()).as_rotvec()
+    np.testing.assert_allclose(matching.increments(found), steps, atol=1e-13)
+
+
 def test_step_means_are_those_of_the_trapezoid_rule() -> None:
     t = 0.02 * np.arange(101)
     index = np.array([0, 10, 35, 100])
