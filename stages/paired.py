@@ -7,6 +7,7 @@ each step of the velocity of the sub-IMU relative to the main one in m-axes, ``u
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -174,14 +175,16 @@ def clean_unit(series: ImuSeries, epoch: int, despike: bool = True) -> tuple[mat
 
 def pair(trial: Trial, alignment: Alignment | None = None, despike: bool = True) -> Paired:
     """Clean and integrate both units. With an alignment, the other unit, turned, carries one across its own gaps."""
-    main, spikes_main = clean_unit(trial.main, trial.epoch, despike)
-    sub, spikes_sub = clean_unit(trial.sub, trial.epoch, despike)
-    if alignment is not None:
-        delay = float(alignment.time_delay.value)
-        main = _carried(main, sub, alignment.rotation, delay, ~sub.filled)
-        # Where both have a gap the sub follows the bridged main, so that the angle between them is held.
-        sub = _carried(sub, main, alignment.rotation.T, -delay, np.ones(len(main.t), bool))
-    return Paired(main, sub, matching.strapdown(main), matching.strapdown(sub), (spikes_main, spikes_sub))
+    with ThreadPoolExecutor(2) as pool:  # one unit beside the other
+        cleaned = pool.map(lambda series: clean_unit(series, trial.epoch, despike), (trial.main, trial.sub))
+        (main, spikes_main), (sub, spikes_sub) = cleaned
+        if alignment is not None:
+            delay = float(alignment.time_delay.value)
+            main = _carried(main, sub, alignment.rotation, delay, ~sub.filled)
+            # Where both have a gap the sub follows the bridged main, so that the angle between them is held.
+            sub = _carried(sub, main, alignment.rotation.T, -delay, np.ones(len(main.t), bool))
+        main_path, sub_path = pool.map(matching.strapdown, (main, sub))
+    return Paired(main, sub, main_path, sub_path, (spikes_main, spikes_sub))
 
 
 def _carried(

@@ -67,7 +67,7 @@ def differ(typing: Any, one: Any, other: Any, count: Any) -> Any:
     return types.int32(types.intp, types.intp, types.intp), code
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fits(at, first, stop, fixed):  # type: ignore[no-untyped-def]
     """Whether the record at an address has the bytes that fixed[first:stop] name, and times of 63 bits."""
     if (word_at(at + LOG_TIME) | word_at(at + PUBLISH_TIME)) >> np.uint64(63):
@@ -78,7 +78,7 @@ def _fits(at, first, stop, fixed):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def scan(buffer, base, start, stop, plan_of, size, first, fixed, misfit, count, place, plan, others):  # type: ignore[no-untyped-def]
     """Find the records in buffer[start:stop]; base: address of buffer, which goes on for 8 bytes after stop.
 
@@ -114,7 +114,7 @@ def scan(buffer, base, start, stop, plan_of, size, first, fixed, misfit, count, 
     return n, m
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def move(base, place, plan, misfit, row, span, first, kind, source, width, address, rest):  # type: ignore[no-untyped-def]
     """Put the fields of every message whose plan fits into the columns, from row[plan] on; row is advanced.
 
@@ -137,7 +137,7 @@ def move(base, place, plan, misfit, row, span, first, kind, source, width, addre
     return left
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _move_one(kind, source, target, width):  # type: ignore[no-untyped-def]
     if kind == STAMP:
         word = word_at(source)
@@ -154,6 +154,6 @@ def _move_one(kind, source, target, width):  # type: ignore[no-untyped-def]
             put_byte(target + k, _byte(source + k))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _byte(address):  # type: ignore[no-untyped-def]
     return np.uint8(word_at(address) & np.uint64(0xFF))

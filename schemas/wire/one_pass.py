@@ -11,7 +11,7 @@ from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from schemas.wire.blocks import Contents, Heads, Space, find, load
+from schemas.wire.blocks import Ahead, Contents, Heads, Space, find
 from schemas.wire.builder import Messages
 from schemas.wire.cdr import ROOM
 from schemas.wire.container import Block, File, Outline, Summary, file_crc
@@ -64,23 +64,25 @@ class Pass:
     def run(self, progress: Progress | None) -> None:
         """Go through the whole file."""
         self.expect(announced(self.found, {}))
-        for entry in self.found.entries:
-            if isinstance(entry, Block):
-                self._take_block(entry)
-                if progress is not None:
-                    progress(entry.stop, self.found.size)
-            else:
-                self._declare(entry)
+        wanted = (block for block in self.found.blocks if not self._unwanted(block))
+        with Ahead(self.file, wanted, ROOM) as ahead:
+            for entry in self.found.entries:
+                if isinstance(entry, Block):
+                    self._take_block(entry, ahead)
+                    if progress is not None:
+                        progress(entry.stop, self.found.size)
+                else:
+                    self._declare(entry)
         self._flush()
         self._conclude()
         if progress is not None:
             progress(self.found.size, self.found.size)
 
-    def _take_block(self, block: Block) -> None:
+    def _take_block(self, block: Block, ahead: Ahead) -> None:
         if self._unwanted(block):
             return
         try:
-            size = load(self.file, block, self._space, self._filled, ROOM)
+            size = ahead.take(self._space, self._filled)
             contents = self._by_shortcut(block, size)
             if contents is None:
                 contents = find(self.file, block, self._space[0], self._filled, size)

@@ -11,6 +11,7 @@ about the unobservable axis, no delay.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,8 +54,9 @@ def align(trial: Trial) -> Alignment:
     Raises DataError where nothing at all can be said: a unit that is frozen or rigidly still while the other moves,
     units that do not move together, no common stretch of SEGMENT_SHORTEST.
     """
-    main = tracks(trial.main, trial.epoch, "main IMU")
-    sub = tracks(trial.sub, trial.epoch, "sub-IMU")
+    with ThreadPoolExecutor(2) as pool:  # one unit beside the other, here and below
+        names = ("main IMU", "sub-IMU")
+        main, sub = pool.map(lambda one, name: tracks(one, trial.epoch, name), (trial.main, trial.sub), names)
     for series, channel in ((trial.main, "main IMU"), (trial.sub, "sub-IMU")):
         _refuse_frozen(series, channel)
     step = cell_length(trial.main, trial.sub)
@@ -119,15 +121,20 @@ def _fine(
 
 def _alignment(found: _Found, trial: Trial, main: Sequence[Track], sub: Sequence[Track]) -> Alignment:
     covariance = found.fit.covariance[:3, :3]
+    rig = trial.rig
+    asked = (
+        (main, trial.phins_main, rig.installation_main, trial, "PHINS at the main IMU"),
+        (sub, trial.phins_sub, rig.installation_sub, trial, "PHINS at the sub-IMU"),
+    )
+    with ThreadPoolExecutor(2) as pool:
+        installation_main, installation_sub = pool.map(lambda one: _installed(*one), asked)
     return Alignment(
         rotation=found.fit.rotation,
         static=_static(found),
         covariance=covariance,
         time_delay=_delay(found),
-        installation_main=_installed(
-            main, trial.phins_main, trial.rig.installation_main, trial, "PHINS at the main IMU"
-        ),
-        installation_sub=_installed(sub, trial.phins_sub, trial.rig.installation_sub, trial, "PHINS at the sub-IMU"),
+        installation_main=installation_main,
+        installation_sub=installation_sub,
         static_phases=static_phases(main),
         notes=found.notes,
     )

@@ -153,22 +153,21 @@ class Job:
         self, obs: Observations, at: Linearisation, noise: m.Noise, flexure: FlexureModel
     ) -> tuple[Linearisation, m.Noise, FlexureModel]:
         """A round on the whole record: what :meth:`after` says, and how strong slow bending is."""
-        solution = self.round(obs, at, noise, flexure)
-        at, noise, flexure = self.after(solution, whole=True)
-        return at, self.quasi_static(solution, noise), flexure
+        with ThreadPoolExecutor(1) as pool:
+            density = pool.submit(self.quasi_static, obs, at, noise)
+            at, noise, flexure = self.after(self.round(obs, at, noise, flexure), whole=True)
+            return at, replace(noise, quasi_static=density.result()), flexure
 
-    def quasi_static(self, solution: Solution, noise: m.Noise) -> m.Noise:
+    def quasi_static(self, obs: Observations, at: Linearisation, noise: m.Noise) -> float:
         """The density of slow bending that the gyros make most likely.
 
         To leave the usual one takes evidence, towards none too: bending that is not admitted turns up as a drift of
         the heading of which nothing warns, while bending that was not there costs nearly nothing.
         """
-        obs = solution.obs
         if obs.t[-1] - obs.t[0] < LONG_S:
-            return noise
-        gyros = replace(solution.noise, use_velocity=False)
-        tried = [replace(gyros, quasi_static=density) for density in DENSITIES]
-        return replace(noise, quasi_static=DENSITIES[self._likeliest(obs, solution.at, tried)])
+            return noise.quasi_static
+        gyros = replace(noise, use_velocity=False)
+        return DENSITIES[self._likeliest(obs, at, [replace(gyros, quasi_static=density) for density in DENSITIES])]
 
     def levels(self, solution: Solution, whole: bool) -> m.Noise:
         """Noise levels of the velocity match: from its spectrum on a piece, scaled to their size on the whole."""

@@ -16,7 +16,7 @@ from scipy.linalg import toeplitz
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from physics import flexure
+from physics import flexure, matching
 from schemas.errors import DataError
 from schemas.products import Alignment, FlexureModel, Status
 from schemas.rig import FloatArray

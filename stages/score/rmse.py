@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +46,8 @@ def score_all(deformation: Deformation, trial: Trial, truth: Truth | None) -> Sc
     references += [phins] if phins is not None else []
     notes += [note] if note else []
     notes += [_installation_note(phins)] if phins is not None and phins.constant_std.max() > NOTED_STD else []
-    scores = [_against(deformation, reference) for reference in references]
+    with ThreadPoolExecutor(2) as pool:  # one reference beside the other
+        scores = list(pool.map(lambda reference: _against(deformation, reference), references))
     for reference, result in zip(references, scores):
         if result is None:
             notes.append(f"not scored against {reference.name}: it does not overlap the estimate in time")
