@@ -81,7 +81,7 @@ def run(
     """Find the deck's deformation in a log and write it as new channels and as a recording."""
     from pipeline.documents import run_document
     from pipeline.one_log import run_log
-    from pipeline.publishing import Outputs, check_outputs, write_outputs
+    from pipeline.publishing import Outputs, check_outputs, loading_ahead, write_outputs
     from stages.shape import names as shape_names
 
     named("estimate", "--estimator", estimator)
@@ -93,7 +93,7 @@ def run(
     check_inputs(log, rig, compensate)
     check_outputs(outputs, log, rig, compensate)
     with console.progress_bar() as progress:
-        done, written = write_outputs(run_log(log, options, progress), outputs, progress)
+        done, written = write_outputs(run_log(log, options, loading_ahead(progress, outputs)), outputs, progress)
     if as_json:
         console.emit(run_document(done, written))
         return

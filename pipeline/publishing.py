@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from threading import Thread
 
 from pipeline.files import check_targets, staged, writing
 from pipeline.one_log import LogRun, Progress, Steps
@@ -128,6 +129,31 @@ def _write_recording(path: Path, run: LogRun, outputs: Outputs) -> None:
         from stages.publish.rerun_bridge import write_recording
 
         write_recording(run.result, run.decoded.trial, run.decoded.truth, path, outputs.rrd_rate)
+
+
+def loading_ahead(progress: Progress | None, outputs: Outputs) -> Progress | None:
+    """The callback, which has what a recording needs loaded as soon as the estimate is at work in compiled loops."""
+    if outputs.rrd is None:
+        return progress
+    loader = Thread(target=_load_rerun, daemon=True)
+
+    def report(step: str, done: int, total: int) -> None:
+        if step == "estimate" and loader.ident is None:
+            loader.start()
+        if progress is not None:
+            progress(step, done, total)
+
+    return report
+
+
+def _load_rerun() -> None:
+    os.environ.setdefault("RUST_LOG", "off")
+    with suppress(ImportError):  # whoever needs it will say so
+        import pyarrow as pa
+
+        import stages.publish.rerun_bridge  # noqa: F401
+
+        pa.array([0.0])  # its first array loads more
 
 
 @contextmanager
