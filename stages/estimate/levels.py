@@ -68,9 +68,10 @@ def _changes(obs: Observations, noise: m.Noise, coupling: FloatArray, d: FloatAr
     x[:, m.D : m.D + 3] = d
     passing = [
         *range(m.V, m.V + 3),
-        *range(m.JITTER, m.KAPPA),
+        *range(m.JITTER, m.JITTER + 3),
+        *range(m.JITTER_BEFORE, m.JITTER_BEFORE + 3),
         *range(m.STEP_D, m.STEP_D + 3),
-        *range(m.STEP_V, m.SIZE),
+        *range(m.STEP_V, m.STEP_V + 3),
     ]
     x[:, passing] = 0.0
     left = m.velocity_residual(obs, noise, coupling, x)
