@@ -248,7 +248,9 @@ def test_prior_of_what_the_attitudes_show_is_that_of_its_parts(base) -> None:
     clock = NOISE.delay_prior**2 + (NOISE.clock_prior * obs.centred[0]) ** 2
     expected = np.diag(NOISE.std**2) + (NOISE.phi_prior**2 + NOISE.drift_prior**2) * np.eye(3) + 2.0 * NOISE.angle_open
     np.testing.assert_allclose(P[zeta, zeta], expected + clock * np.outer(rate, rate), rtol=1e-9, atol=1e-15)
-    np.testing.assert_allclose(P[zeta, m.PHI : m.PHI + 3], NOISE.phi_prior**2 * np.eye(3) + NOISE.angle_open, rtol=1e-12)
+    np.testing.assert_allclose(
+        P[zeta, m.PHI : m.PHI + 3], NOISE.phi_prior**2 * np.eye(3) + NOISE.angle_open, rtol=1e-12
+    )
 
 
 def test_without_velocity_nothing_of_it_is_measured_or_stepped(base) -> None:
