@@ -45,14 +45,12 @@ def deck_text(shape: DeckShape) -> str:
         beyond = ", ".join(f"{a:.0f} to {b:.0f} m" for a, b in intervals(shape.arc_length, shape.exceeds[:, i]))
         value = f"{number(1e5 * shape.curvature[at, i])} ± {number(3e5 * shape.std[at, i], 2)}"
         rows.append([name, value, f"{shape.arc_length[at]:.1f}", limit, beyond or "nowhere"])
-    head = "beyond the limit" if shape.design is None else "farther from the design than its limit"
-    columns = table(["", "largest ±3σ [1e-5 rad/m]", "at [m]", "limit [1e-5 rad/m]", head], rows)
+    columns = table(["1e-5 rad/m", "largest ±3σ", "at [m]", "limit", "beyond it at"], rows)
     notes = "\n".join(f"- {plain_markdown(line)}" for line in shape.notes)
     danger = "### A limit is passed" if shape.exceeds.any() else "### Deck shape"
-    length = float(np.ptp(shape.arc_length))
-    return "\n\n".join(
-        [danger, f"{len(shape.passes)} runs over {length:.1f} m ({shape.method}). {bend}", columns, notes]
-    )
+    counted = "straight" if shape.design is None else "the design"
+    about = f"{len(shape.passes)} runs over {np.ptp(shape.arc_length):.1f} m ({shape.method}). {bend}"
+    return "\n\n".join([danger, f"{about} Limits count from {counted}.", columns, notes])
 
 
 def plain_markdown(text: str) -> str:

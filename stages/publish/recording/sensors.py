@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 from physics.interpolation import usual_interval
 from physics.units import DEG
 from schemas.trial import ImuSeries, Trial
+from stages.publish.axis import span_of
 from stages.publish.best import time_delay
 from stages.publish.recording import layout
 from stages.publish.recording.scene import AXIS_COLOURS, BLUE, Scene, stride
@@ -61,11 +62,12 @@ def tab(scene: Scene) -> rrb.Container:
     """A column of gyros, one of accelerometers, clocks below."""
     present = units(scene.trial)
     gyros = [
-        layout.time_view(scene, f"Gyro, {name} [deg/s]", [f"sensors/gyro/{key}"]) for key, (name, _) in present.items()
+        layout.time_view(scene, f"Gyro, {name} [deg/s]", [f"sensors/gyro/{key}"], span_of([unit.gyro / DEG]))
+        for key, (name, unit) in present.items()
     ]
     accels = [
-        layout.time_view(scene, f"Specific force, {name} [m/s²]", [f"sensors/accel/{key}"])
-        for key, (name, _) in present.items()
+        layout.time_view(scene, f"Specific force, {name} [m/s²]", [f"sensors/accel/{key}"], span_of([unit.accel]))
+        for key, (name, unit) in present.items()
     ]
     intervals = [f"sensors/interval/{key}" for key in present]
     clocks = rrb.Horizontal(
