@@ -50,7 +50,7 @@ def families(
     for name, (channel, made) in FAMILIES.items():
         if channel.startswith("phins") and base.match is None:
             continue
-        raw = np.stack([base.response(signals) for signals in made(view)], axis=2)
+        raw = base.response.many(made(view))
         own = whitening.whiten_columns(base.whitened, raw)
         size = np.sqrt(np.sum(own**2, axis=(0, 1)))
         own = own[:, :, size > 0.0] / size[size > 0.0]

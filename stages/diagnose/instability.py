@@ -57,7 +57,7 @@ def basis(base: Baseline) -> Basis:
     length = float(t[-1] - t[0])
     terms = int(np.clip(length / FASTEST_S, 4, MOST_TERMS))
     cosines = [np.cos(np.pi * k * (t - t[0]) / length) * np.sqrt(2.0 / length) for k in range(1, terms + 1)]
-    raw = np.stack([base.response(Signals(gyro=on_axis(axis, wave))) for axis in range(3) for wave in cosines], axis=2)
+    raw = base.response.many(Signals(gyro=on_axis(axis, wave)) for axis in range(3) for wave in cosines)
     return Basis(raw, whitening.whiten_columns(base.whitened, raw), np.arange(1, terms + 1) / (2.0 * length))
 
 
@@ -69,8 +69,9 @@ def variances(frequency: FloatArray, std: float, tau: float) -> FloatArray:
 
 def wander(base: Baseline, made: Basis, columns: FloatArray, precision: FloatArray) -> Wander:
     """The best process on top of whitened regressors (N, 9, K) with their priors and of any constant bias."""
-    constant = [base.response(Signals(gyro=on_axis(axis, np.full(len(base.obs.t), DEG_PER_HOUR)))) for axis in range(3)]
-    columns = np.concatenate([columns, whitening.whiten_columns(base.whitened, np.stack(constant, axis=2))], axis=2)
+    one = np.full(len(base.obs.t), DEG_PER_HOUR)
+    constant = base.response.many(Signals(gyro=on_axis(axis, one)) for axis in range(3))
+    columns = np.concatenate([columns, whitening.whiten_columns(base.whitened, constant)], axis=2)
     precision = np.concatenate([precision, np.full(3, ANY_BIAS)])
     y = base.whitened.values
     ok = np.isfinite(y)

@@ -50,9 +50,11 @@ class Tuner:
     def whitened(self, levels: Levels) -> tuple[Whitened, FloatArray]:
         """Innovations and nuisances, both scaled so that what the nuisances leave has unit variance per channel."""
         found = whitening.whiten(whitening.build(self.obs, levels, self.at.coupling, self.match), self.obs)
-        left = residual(found, whitening.whiten_columns(found, self.raw), self.precision)
-        found = whitening.rescaled(found, left)
-        return found, whitening.whiten_columns(found, self.raw)
+        columns = whitening.whiten_columns(found, self.raw)
+        found = whitening.rescaled(found, residual(found, columns, self.precision))
+        columns /= found.scale[:, None]
+        columns[~np.isfinite(found.values)] = 0.0
+        return found, columns
 
     def tuned(self, levels: Levels, rounds: Sequence[Factors]) -> Levels:
         """All noise by likelihood of the middle of the log less its nuisances."""

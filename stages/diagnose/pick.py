@@ -69,7 +69,7 @@ def with_period(base: Baseline, found: Regressors, gram: Gram, kept: Sequence[in
     frozen = base.whitened.values - own[:, :, kept] @ solve(gram.total, gram.precision, kept).value
 
     def tried(period: float) -> tuple[float, FloatArray, FloatArray]:
-        raw = np.stack([base.response(column.signals) for column in cls.predict(view, **{"period": period})], axis=2)
+        raw = base.response.many(column.signals for column in cls.predict(view, **{"period": period}))
         X = np.concatenate([own[:, :, kept], whitening.whiten_columns(base.whitened, raw)], axis=2)
         ok = np.isfinite(frozen)
         Z = np.column_stack([X[ok], base.whitened.values[ok]])

@@ -81,15 +81,15 @@ def regressors(
                 untestable.setdefault(name, "the log lacks what it follows (attitude, temperature)")
                 continue
             labels = tuple(f"{name}|{column.parameter}|{_label(shape)}" for column in columns)
-            raw += [base.response(column.signals) for column in columns]
+            raw.append(base.response.many(column.signals for column in columns))
             groups.append(Group(name, labels, tuple(column.parameter for column in columns), shape))
     columns_of = [label for group in groups for label in group.names]
     for group, value in free:
         if "period" in group.shape:
             columns_of.append(group.slope)
-            raw.append(_period_slope(base, view, group, value))
+            raw.append(_period_slope(base, view, group, value)[:, :, None])
     own = [nuisance.name for nuisance in base.nuisances]
-    stacked = np.stack(raw, axis=2) if raw else np.zeros((len(base.t), 9, 0))
+    stacked = np.concatenate(raw, axis=2) if raw else np.zeros((len(base.t), 9, 0))
     white = np.concatenate([base.columns, whitening.whiten_columns(base.whitened, stacked)], axis=2)
     values, white = _with_main(base, view, white, groups)
     precision = np.concatenate([base.precision, [_precision(label) for label in columns_of]])
