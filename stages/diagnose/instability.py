@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from physics.units import DEG_PER_HOUR
 from schemas.rig import FloatArray
@@ -24,6 +25,7 @@ from twin.effects._prediction import Signals, on_axis
 NAME = "gyro_bias_instability"
 FASTEST_S = 8.0  # shortest half period of the basis
 MOST_TERMS = 80
+PIECE = 2000  # steps of the record whose columns are multiplied at a time
 TAUS_S = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 SIGMAS = tuple(0.02 * 1.5**k for k in range(22))  # deg/h
 PRICE = 6.0  # nats
@@ -73,11 +75,8 @@ def wander(base: Baseline, made: Basis, columns: FloatArray, precision: FloatArr
     constant = base.response.many(Signals(gyro=on_axis(axis, one)) for axis in range(3))
     columns = np.concatenate([columns, whitening.whiten_columns(base.whitened, constant)], axis=2)
     precision = np.concatenate([precision, np.full(3, ANY_BIAS)])
-    y = base.whitened.values
-    ok = np.isfinite(y)
     terms, K = made.columns.shape[2], columns.shape[2]
-    Z = np.column_stack([columns[ok], made.columns[ok], y[ok]])
-    G = Z.T @ Z
+    G = _moments(columns, made.columns, base.whitened.values)
     A, B, C = G[:K, :K] + np.diag(precision), G[:K, K:-1], G[K:-1, K:-1]
     size = np.sqrt(np.diag(A))
     solved = np.linalg.solve(
@@ -102,12 +101,29 @@ def wander(base: Baseline, made: Basis, columns: FloatArray, precision: FloatArr
     return Wander(mean_std, mean_std * errors[0], mean_tau, mean_tau * errors[1], float(told[best]) - PRICE, by_axis)
 
 
+def _moments(columns: FloatArray, more: FloatArray, y: FloatArray) -> FloatArray:
+    """[columns more y]^T [columns more y] of what is not masked, a piece of the record at a time."""
+    size = columns.shape[2] + more.shape[2] + 1
+    out = np.zeros((size, size))
+    for first in range(0, len(y), PIECE):
+        part = slice(first, first + PIECE)
+        ok = np.isfinite(y[part])
+        Z = np.column_stack([columns[part][ok], more[part][ok], y[part][ok]])
+        out += Z.T @ Z
+    return out
+
+
 def _marginal(information: FloatArray, moment: FloatArray, variance: FloatArray) -> float:
     """ln N(y; 0, I + X V X^T) - ln N(y; 0, I)."""
     root = np.sqrt(variance)
     M = np.eye(len(root)) + root[:, None] * information * root
-    value = np.linalg.solve(M, root * moment)
-    return float(0.5 * (root * moment) @ value - 0.5 * np.linalg.slogdet(M)[1])
+    try:
+        L = np.linalg.cholesky(M)
+    except np.linalg.LinAlgError:  # rounding, where columns are nearly one another
+        value = np.linalg.solve(M, root * moment)
+        return float(0.5 * (root * moment) @ value - 0.5 * np.linalg.slogdet(M)[1])
+    value = solve_triangular(L, root * moment, lower=True, check_finite=False)
+    return float(0.5 * value @ value - np.log(np.diag(L)).sum())
 
 
 def as_nuisances(made: Basis, std: float, tau: float) -> Sequence[Nuisance]:

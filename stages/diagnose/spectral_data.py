@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import fft
 from scipy.signal.windows import hann
@@ -44,6 +45,21 @@ KERNEL = np.array([0.0288, 0.25, 0.7205, 1.0, 0.7205, 0.25, 0.0288])
 KERNEL = KERNEL / KERNEL.sum()
 
 
+@njit(cache=True, nogil=True)
+def _smoothed(density, kernel, keep, m):  # type: ignore[no-untyped-def]
+    """Density at the first m points smoothed where they are kept, mirrored at zero; the others as they are."""
+    half, kept = len(kernel) // 2, len(keep)
+    out = np.empty(kept + len(density) - m)
+    for k in range(kept):
+        total = 0.0
+        for j in range(-half, half + 1):
+            total += kernel[half - j] * density[abs(keep[k] + j)]
+        out[k] = total
+    for k in range(m, len(density)):
+        out[kept + k - m] = density[k]
+    return out
+
+
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Bins. fine: (m,) rad/sample, half an ordinate apart from zero, under the bins kept one by one; coarse: (j,)
@@ -72,6 +88,8 @@ class Grid:
     def seen(self, density: Density) -> Density:
         """What Hann segments show on average in the bins, (k,), of a density at the points, (m + j,)."""
         m, half = len(self.fine), len(KERNEL) // 2
+        if density.dtype == np.float64:
+            return _smoothed(density, KERNEL, self.keep, m)  # type: ignore[return-value]
         low = density[:m]
         smoothed = np.convolve(np.concatenate([low[half:0:-1].conj(), low]), KERNEL, "valid")
         return np.concatenate([smoothed[self.keep], density[m:]])  # type: ignore[return-value]

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from schemas.products import BoolArray
 from schemas.rig import FloatArray
@@ -51,8 +52,16 @@ def _by_bin(data: Spectra, model: Model, x: FloatArray, axis: int) -> FloatArray
     for half in range(len(data.count)):
         S = model.spectrum(x, axis, data.share[half])
         weight = SHARE * data.count[half]
-        total -= (weight * (np.log(S) + data.power[half, ..., axis, axis].real / S)).sum(axis=0)
+        _add_worth(S, data.power[half, ..., axis, axis].real, weight, total)
     return total
+
+
+@njit(cache=True, nogil=True)
+def _add_worth(S, power, weight, total):  # type: ignore[no-untyped-def]
+    """total (k,) += -weight (ln S + power / S), each (g, k), summed over g."""
+    for g in range(len(S)):
+        for k in range(len(total)):
+            total[k] -= weight[g, k] * (np.log(S[g, k]) + power[g, k] / S[g, k])
 
 
 def fit_model(data: Spectra, model: Model, start: FloatArray) -> Fit:
