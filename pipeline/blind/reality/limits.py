@@ -180,8 +180,6 @@ def unit_signals(name: str, seen: Drive, drawn: dict) -> Sequence[FloatArray | B
     }
     if name in on_gyro:
         return [signal(seen, np.outer(on_gyro[name][:, i], eye[i])) for i in range(3)]
-    if name == "accel_bias":
-        return [signal(seen, accel=np.outer(n, e) * MICRO_G) for e in eye]
     if name == "accel_scale_factor":
         return [signal(seen, accel=np.outer(seen.force[:, i], eye[i]) * PPM) for i in range(3)]
     if name == "lever_arm":

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from physics.units import MICRO_G, STANDARD_GRAVITY
 from pipeline.blind.reality import limits
 from pipeline.blind.reality.flexure import STEP, Restoring, grid, random_path, settled
 from pipeline.blind.reality.scenes import draw_scene
@@ -86,13 +85,3 @@ def test_no_channel_tells_bending_from_flexure_better_than_theta_itself_would(na
         variance = density * np.sum(window**2) / limits.STEP
         information = 2.0 * np.sum(np.abs(spectrum[inside]) ** 2 / variance[inside])
         assert 0.9 < found[axis] * np.sqrt(information) < 1.6
-
-
-def test_a_bias_of_a_level_accelerometer_is_bound_by_its_tolerance_up_and_by_the_tilt_across(nature):
-    """A bias on z shows as soon as it exceeds what a twin leaves open; across, it hides behind the static angle."""
-    seen = limits.drive(nature)
-    across, ahead, up = limits.limit(nature, limits.unit_signals("accel_bias", seen, {}), seen)
-    tolerance = limits.DETECTABLE * limits.FREE["accel"] / MICRO_G
-    tilt = limits.DETECTABLE * np.hypot(limits.FREE["static"], limits.FREE["phins"]) * STANDARD_GRAVITY / MICRO_G
-    assert up == pytest.approx(tolerance, rel=0.05)
-    assert tolerance < min(across, ahead) <= max(across, ahead) < tilt
