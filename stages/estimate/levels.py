@@ -4,10 +4,11 @@ With the smoothed states taken out, ``A_mid (u - H x) = V + noise`` holds the ac
 on top of it white velocity and the displacement by which the lever arm lags flexure, differenced. Its change from step
 to step, in m-axes, is stationary and has the spectrum
 
-    S(w) = a^2 dt (1 - c / 6) + v^2 c + (j / dt)^2 c^2 + g^2 (|B|^2 c / dt + f^2 dt^3 / c),    c = 2 - 2 cos(w dt)
+    S(w) = a^2 dt (1 - c / 6) + v^2 c + (j / dt)^2 c^2 + g^2 |B|^2 c / dt,    c = 2 - 2 cos(w dt)
 
 with a (m/s)/sqrt(s), v m/s, j m as in :class:`stages.estimate.model.Noise`; c / 6 because u is a mean over the step.
-The gyros' noise g comes in through flexure, and through the tilt of specific force by what the smoothed drift misses.
+The gyros' noise g comes in through flexure. What else is slow, the tilt that the smoothed drift misses and errors of
+the model at wave frequencies among it, counts as the accelerometers' noise: it must not be trusted either.
 a, v and j follow by maximum Whittle likelihood, S being linear in their squares.
 """
 
@@ -19,7 +20,6 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.signal import get_window
 
-from physics.rotations import skew
 from schemas.rig import FloatArray
 from stages.estimate import model as m
 from stages.paired import Observations
@@ -48,10 +48,9 @@ def fitted(
     if spectrum is None:
         return noise
     c = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(FIRST, FIRST + len(spectrum)) / SEGMENT)
-    flexed = np.sum(coupling**2 * noise.gyro**2, axis=1)
-    tilted = np.sum(skew(np.nanmean(obs.force_m, axis=0)) ** 2 * noise.gyro**2, axis=1)
+    gyros = np.sum(coupling**2 * noise.gyro**2, axis=1)
     parts = np.stack([dt * (1.0 - c / 6.0), c, c**2 / dt**2], axis=1)
-    known = c[:, None] * flexed / dt + tilted * dt**3 / c[:, None]
+    known = c[:, None] * gyros / dt
     squares = np.array([most_likely(spectrum[:, i], parts, known[:, i]) for i in range(3)])
     accel = max(float(np.sqrt(squares[:, 0].mean())), least, ACCEL_FLOOR)
     fixed = known + accel**2 * parts[:, :1]

@@ -176,7 +176,7 @@ class Job:
             return noise
         if whole:
             return tuning.rescaled(noise, filtered.innovation[:, 3:], filtered.innovation_variance[:, 3:])
-        least = tuning.stated(self.trial.rig, "accel_vrw") or 0.0
+        least = tuning.least_accel_noise(self.trial.rig, noise)
         return levels.fitted(solution.obs, noise, solution.at.coupling, solution.smoothed.x, filtered.x_last, least)
 
     def _likeliest(self, obs: Observations, at: Linearisation, tried: list[m.Noise]) -> int:

@@ -29,6 +29,7 @@ FINE_SCALE = 10 * PPM
 FINE_SKEW = 30 * PPM  # non-orthogonality: 6 arcsec between the two units
 FINE_ACCEL_BIAS = 100 * MICRO_G
 FINE_ACCEL_NOISE = 2e-4  # (m/s)/sqrt(s)
+LEAST_ACCEL_SHARE = 0.5
 GRADE_EXPONENT = 0.8  # from a fibre gyro (0.001 deg/sqrt(h), 5 ppm) to a MEMS (0.3 deg/sqrt(h), 0.3 %)
 VELOCITY = 1e-4  # m/s per step: what interpolation and the means over a step leave
 JITTER_START = 2e-3  # m, displacement of the lever arm beyond the model; the fit anneals from here
@@ -79,6 +80,12 @@ def stated(rig: Rig, name: str) -> float | None:
 def accel_noise(rig: Rig, coarse: float) -> float:
     """(m/s)/sqrt(s) of the difference of both accelerometers."""
     return stated(rig, "accel_vrw") or FINE_ACCEL_NOISE * np.sqrt(coarse)
+
+
+def least_accel_noise(rig: Rig, noise: Noise) -> float:
+    """(m/s)/sqrt(s), the least a record is believed to show: what a rig states, else a share of what is usual for the
+    grade. Products of a coarse unit's biases and scale errors with bending are no noise, nor are they modelled."""
+    return stated(rig, "accel_vrw") or LEAST_ACCEL_SHARE * accel_noise(rig, grade(noise.gyro))
 
 
 def with_flexure(noise: Noise, flexure: FlexureModel) -> Noise:
