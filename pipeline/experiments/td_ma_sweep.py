@@ -16,8 +16,9 @@ from schemas.trial import ImuSeries, Trial, Truth
 PUBLISHED = ("td-ma", "td-noma", "notd-ma", "notd-noma")
 METHODS = (*PUBLISHED, "smoother")
 OURS_AT = (0, 24, 48)  # samples: a delay costs ours time to find, and nothing else
-DELAYS = range(0, 49, 6)  # samples of 5 ms
-ANGLES = range(6)  # deg
+OURS_ANGLES = (0, 5)  # deg
+DELAYS = range(0, 49, 12)  # samples of 5 ms
+ANGLES = (0, 1, 3, 5)  # deg
 DURATION = 180.0  # s
 DRAWN = (0, 5)  # deg, of the curves in the recording
 
@@ -36,10 +37,13 @@ def sweep(seed: int) -> Measured:
 
 def _point(bench: Bench, angle: int, delay: int) -> list[Row]:
     assert bench.truth is not None
-    there = bench.realigned(*displaced(bench.trial, bench.truth, float(angle), delay))
-    return [
-        rmse_row(run(there, name), case_of(angle, delay)) for name in METHODS if name in PUBLISHED or delay in OURS_AT
-    ]
+    trial, truth = displaced(bench.trial, bench.truth, float(angle), delay)
+    # The published methods find delay and misalignment themselves and take nothing from an alignment.
+    there = replace(bench, trial=trial, truth=truth)
+    rows = [rmse_row(run(there, name), case_of(angle, delay)) for name in PUBLISHED]
+    if angle in OURS_ANGLES and delay in OURS_AT:
+        rows.append(rmse_row(run(bench.realigned(trial, truth), "smoother"), case_of(angle, delay)))
+    return rows
 
 
 def displaced(trial: Trial, truth: Truth, angle_deg: float, samples: int) -> tuple[Trial, Truth]:
@@ -106,7 +110,7 @@ def _grow(figures: Figures) -> tuple[bool, str]:
 def _ours(figures: Figures) -> tuple[bool, str]:
     ratio = [
         np.min([_corner(figures, name, a, d) for name in PUBLISHED], axis=0) / _corner(figures, "smoother", a, d)
-        for a in ANGLES
+        for a in OURS_ANGLES
         for d in OURS_AT
     ]
     return bool(np.min(ratio) > 1.0), f"best published over ours at least {_said(np.min(ratio, axis=0))}"
@@ -127,14 +131,10 @@ EXPERIMENT = Experiment(
         " misalignment is in the figure.",
         "The misalignment is the same angle about each axis. One simulated trial a seed, its sub-IMU turned and delayed"
         " by whole samples; the flexure is identified once, on the trial as simulated.",
-        "Ours is run with 0, 24 and 48 samples: with a delay known to microseconds nothing happens in between.",
+        "Ours is run with 0° and 5°, 0, 24 and 48 samples: between them nothing happens.",
         "The surfaces of Figs. 9-11 have no figures printed beside them: what is reproduced is their shape.",
     ),
-    parts=(
-        Part(
-            "RMSE over delay and misalignment (Figs. 9-11)", "arcmin, mean over the seeds.", sweep, seeds=2, grid=True
-        ),
-    ),
+    parts=(Part("RMSE over delay and misalignment (Figs. 9-11)", "arcmin, mean over the seeds.", sweep, grid=True),),
     checks=(
         Check("`td-ma` hardly depends on delay and misalignment, as in Figs. 9-11", _flat),
         Check("`td-noma` grows with the misalignment and `notd-ma` with the delay", _grow),
