@@ -99,6 +99,15 @@ def test_the_design_of_the_deck_is_the_twins_without_its_edge():
     assert np.abs(sliding._design(np.zeros(1)) - sliding._true(np.zeros(1))).max() > sliding.LIMIT
 
 
+def test_how_much_the_sliding_filter_denoises_hangs_on_the_noise():
+    """Next to none it makes things worse; the published factors lie in between."""
+    gain = {row.case: np.array(row.value) for row in sliding.own_conditions(1)}
+    little, much = gain[sliding._own(0.43)], gain[sliding._own(100.0)]
+    assert np.all(little < 1.0)
+    assert np.all(much > sliding.PUBLISHED_GAIN)
+    assert np.all(gain[f"{sliding._own(12.0)}, (20) as printed"] > 2.0 * gain[sliding._own(12.0)])
+
+
 @every
 def test_the_page_in_the_docs_holds_the_experiment_with_all_its_claims(experiment: Experiment):
     page = (Path(__file__).parents[3] / "docs" / "reproduction.md").read_text()

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 import pywt
 from filterpy.kalman import KalmanFilter
+from scipy.linalg import solve_discrete_are
 
 from stages.shape.wavelet_kalman import (
     WaveletKalmanShape,
     db3_taps,
     filtered,
+    gains,
     ins_model,
     moving_db3,
     sins_model,
@@ -74,6 +76,17 @@ def test_transition_is_the_closed_form_of_a_critically_damped_flexure() -> None:
     stationary = np.diag([1.0, b**2]) * (SIGMA[0] * np.pi / 10800) ** 2
     leaves = model.transition[0] @ stationary @ model.transition[0].T + model.noise[0]
     np.testing.assert_allclose(leaves, stationary, atol=1e-12 * stationary[0, 0])
+
+
+def test_variance_settles_where_the_riccati_equation_says() -> None:
+    model = sins_model(rates(), STEP, BETA, SIGMA, True)
+    _, variance = gains(model, 6000)
+    for axis in range(3):
+        R = model.variance[axis]
+        before = solve_discrete_are(
+            model.transition[axis].T, np.array([[0.0], [1.0]]), model.noise[axis], np.array([[R]])
+        )[1, 1]
+        assert variance[axis] == pytest.approx(before * R / (before + R), rel=1e-3)
 
 
 def test_recipe_finds_the_shape_and_its_danger_zone() -> None:
