@@ -312,8 +312,8 @@ EXPERIMENT = Experiment(
     chosen=(
         "400 s at 100 Hz, nine runs of 100 m at 5 m/s; deck shape, noise, flexure, sea and outliers are a twin's.",
         "Table 1 prints no units, noise or truth: what can be compared is the ratio of RMS before and after. That ratio"
-        " is not a property of the method: under the paper's own conditions it is anything from 0.9 to 20, by the noise"
-        " and by whether (20) is driven.",
+        " is not a property of the method: under the paper's own conditions it is what the noise, which is not printed,"
+        " and the driving of (20) make it.",
         "Nor can the table come from filtering alone: its means fall by 2.4 2.2 2.0, and a filter that lets a constant"
         " rate through leaves the mean of an error as it was; about the means the errors fall by 3.3 15 26, from the"
         " same 0.43 on every axis.",

@@ -116,6 +116,8 @@ EXPERIMENT = Experiment(
         "Gyro noise 0.0008 °/√h; quasi-static angle 1.0 0.8 1.2′ with a period of 4 h.",
         "Coarse alignment on rates; no network; flexure by `whittle`. The published methods use gyros alone, ours"
         " specific force too.",
+        "The limit knows that the gyros have no errors of scale and how slowly the deck bends; `smoother` allows for"
+        " both, which costs some of the heading.",
         "The published three delays per axis are one delay: the same figure is set beside all three.",
     ),
     parts=(
