@@ -53,10 +53,3 @@ class Outcome:
     wall_s: float = 0.0
     cpu_s: float = 0.0
     memory: float = 0.0
-
-
-def carried_out(job: Job) -> Outcome:
-    """What a worker is asked to call: what the work needs is imported there, never by the command."""
-    from pipeline.archive.working import process
-
-    return process(job)

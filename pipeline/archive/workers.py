@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pipeline.archive.jobs import Job, Outcome, State, carried_out
+from pipeline.archive.jobs import Job, Outcome, State
 from pipeline.archive.memory import GB, per_worker
 from pipeline.archive.watch import NOBODY, Watch
 from schemas.errors import DataError
@@ -224,3 +224,10 @@ def deaf() -> Any:
 def limited(jobs: Iterable[Job], wish: Wish) -> Iterator[Job]:
     """The jobs with the memory each may take."""
     return (replace(job, memory=wish.limit) for job in jobs)
+
+
+def carried_out(job: Job) -> Outcome:
+    """What a worker is asked to call: what the work needs is imported there, never by the command."""
+    from pipeline.archive.working import process
+
+    return process(job)
