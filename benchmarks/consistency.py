@@ -37,6 +37,8 @@ def scale_errors(scale_ppm: float, skew_arcsec: float) -> Callable[[np.random.Ge
 
 
 PERFECT = scale_errors(0.0, 0.0)
+# What the smoother takes for usual between two fibre gyros: 10 ppm of scale, 30 ppm (6 arcsec) out of square.
+USUAL = scale_errors(7.1, 4.4)
 
 
 def mems(rng: np.random.Generator) -> Units:
@@ -98,12 +100,15 @@ class Case:
 
 CASES = {
     "idam 600 s": Case("idam", 600.0, 25.0),
+    "idam 600 s, usual errors": Case("idam", 600.0, 25.0, USUAL),
     "idam 600 s, 20 ppm, 10 arcsec": Case("idam", 600.0, 25.0, scale_errors(20.0, 10.0)),
     "idam 600 s, 50 ppm, 20 arcsec": Case("idam", 600.0, 25.0, scale_errors(50.0, 20.0)),
     "idam 3600 s": Case("idam", 3600.0, 20.0),
     "idam 3600 s, 20 ppm, 10 arcsec": Case("idam", 3600.0, 20.0, scale_errors(20.0, 10.0)),
     "td-ma 3600 s": Case("td-ma", 3600.0, 20.0),
+    "td-ma 3600 s, usual errors": Case("td-ma", 3600.0, 20.0, USUAL),
     "model-free 7200 s": Case("model-free", 7200.0, 10.0),
+    "model-free 7200 s, usual errors": Case("model-free", 7200.0, 10.0, USUAL),
     "MEMS pair 60 s": Case("idam", 60.0, 50.0, mems),
     "MEMS pair 100 s": Case("idam", 100.0, 50.0, mems),
     "MEMS pair 600 s": Case("idam", 600.0, 50.0, mems),
