@@ -21,6 +21,7 @@ from stages.publish.recording.scene import Colour
 
 SLICE = 65_536  # rows per chunk: smaller chunks cost space, larger ones cost the viewer
 TRIAL, UTC = "trial_time", "utc"
+ROOM = 1 << 20  # bytes, more than a layout takes
 
 
 def record(path: Path, name: str, blueprint: Blueprint, log: Callable[[rr.RecordingStream], None]) -> None:
@@ -38,7 +39,8 @@ def record(path: Path, name: str, blueprint: Blueprint, log: Callable[[rr.Record
 
 
 def open_recording(path: Path, blueprint: Blueprint, name: str) -> rr.RecordingStream:
-    """A recording written to path, its layout first; its id follows from its name alone."""
+    """A recording written to path, its layout first; its id follows from its name alone. OSError: no room for it."""
+    path.write_bytes(bytes(ROOM))  # Rerun waits for ever where the layout does not fit on the disk
     recording = rr.RecordingStream("deckflex", recording_id=uuid5(NAMESPACE_URL, f"deckflex:{name}"))
     recording.save(path, default_blueprint=blueprint)
     return recording
