@@ -108,7 +108,7 @@ def test_only_estimates_leaves_the_originals_out(deckflex, sample, tmp_path):
 
 def test_estimates_that_a_log_holds_already_are_replaced_and_that_is_said(deckflex, finished, sample, tmp_path):
     folder, _, _ = finished
-    told = deckflex("run", folder / "out.mcap", "-o", tmp_path / "again.mcap", "--estimator", "filter", "--json")
+    told = deckflex("run", folder / "out.mcap", "-o", tmp_path / "again.mcap", "--json")
     assert told.status == 0, told.err
     assert any("/deckflex/deformation" in warning for warning in json.loads(told.out)["warnings"])
     with (tmp_path / "again.mcap").open("rb") as stream:

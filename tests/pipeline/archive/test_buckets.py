@@ -5,6 +5,7 @@ import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from socketserver import BaseServer
 from typing import Any
 
 import pytest
@@ -45,6 +46,8 @@ def s3(patch: pytest.MonkeyPatch) -> Iterator[None]:
 def gs(patch: pytest.MonkeyPatch) -> Iterator[None]:
     create_server = pytest.importorskip("gcp_storage_emulator.server").create_server
     port = free_port()
+    # A client that hangs up early is told of on standard error, which is the command's here.
+    patch.setattr(BaseServer, "handle_error", lambda *_: None)
     patch.setenv("STORAGE_EMULATOR_HOST", f"http://127.0.0.1:{port}")
     with create_server("127.0.0.1", port, in_memory=True):
         file_system("gs://").clear_instance_cache()
