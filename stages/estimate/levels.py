@@ -18,7 +18,6 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.signal import get_window
 
 from schemas.rig import FloatArray
 from stages.estimate import model as m
@@ -90,7 +89,7 @@ def _spectrum(x: FloatArray) -> FloatArray | None:
     pieces = pieces[np.isfinite(pieces).all(axis=(1, 2))]
     if len(pieces) < SEGMENTS:
         return None
-    window = get_window("hann", SEGMENT)[:, None]
+    window = np.hanning(SEGMENT + 1)[:-1, None]  # periodic
     centred = pieces - pieces.mean(axis=1, keepdims=True)
     power = np.abs(np.fft.rfft(centred * window, axis=1)) ** 2 / np.sum(window**2)
     return np.asarray(power.mean(axis=0)[FIRST:-1])
