@@ -145,7 +145,7 @@ def write(outcome: Outcome, directory: Path, *, recorded: bool = True) -> dict[s
     writers: dict[str, Callable[[Path], object]] = {
         "text": lambda path: path.write_text(said, encoding="utf-8"),
         "table": lambda path: frame(outcome).write_parquet(path, metadata=dict(outcome.versions)),
-        "recording": lambda path: write_reproduction(name, said, outcome.panels, path),
+        "recording": lambda path: write_reproduction(name, said, outcome.panels, path, outcome.figures),
     }
     kinds = list(writers) if recorded else ["text"]
     files = [directory / f"{name}{SUFFIXES[kind]}" for kind in kinds]

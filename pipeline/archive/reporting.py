@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import polars as pl
@@ -15,12 +15,17 @@ from schemas.trial import IntArray
 from stages.archive.line import Line
 from stages.archive.repetition import Repetition, Standing
 from stages.archive.trends import MONTH_NS
-from stages.publish.archive import ArchiveReport, Fit, Listing, Relation, Trend
+from stages.publish.archive import AGAINST_THE_SEA, ArchiveReport, Fit, Listing, Relation, Trend
 from stages.publish.document import number
 
 NAMES = ("x (pitch)", "y (roll)", "z (heading)")
 DRAWN = 60  # points of a fitted line
 DISTRUST = {"bad": "do not rely on it", "care": "with care", "good": "good"}
+ERRORS = (
+    ("RMSE against truth", "rmse_truth_arcmin"),
+    ("RMSE against PHINS", "rmse_phins_arcmin"),
+    ("predicted σ", "predicted_std_arcmin"),
+)
 FIRM = (Standing.REPEATS, Standing.VARIES)
 
 
@@ -121,13 +126,23 @@ def warnings(survey: Survey) -> list[str]:
 def listings(survey: Survey) -> list[Listing]:
     """Drifts, flexure against the sea, effects that repeat, worst logs, logs set aside; those that have anything."""
     every = [
-        Listing("Drift of the static angle", DRIFT_HEADER, [r for g in survey.groups for r in drift_rows(g)]),
-        Listing("Flexure against the sea", LAW_HEADER, [r for g in survey.groups for r in law_rows(g)]),
-        Listing("Effects over the voyages", EFFECT_HEADER, [r for g in survey.groups for r in effect_rows(g)]),
+        _listing(survey, "Drift of the static angle", DRIFT_HEADER, drift_rows),
+        _listing(survey, AGAINST_THE_SEA, LAW_HEADER, law_rows),
+        _listing(survey, "Effects over the voyages", EFFECT_HEADER, effect_rows),
         Listing("Least trustworthy logs", WORST_HEADER, worst_rows(survey)),
         Listing("Set aside", ("log", "reason"), sorted(survey.aside)),
     ]
     return [listing for listing in every if listing.rows]
+
+
+def _listing(
+    survey: Survey, title: str, header: Sequence[str], rows: Callable[[Group], list[tuple[str, ...]]]
+) -> Listing:
+    """The rows of every installation; of a single one without its name."""
+    found = [row for group in survey.groups for row in rows(group)]
+    if len(survey.groups) > 1:
+        return Listing(title, header, found)
+    return Listing(title, header[1:], [row[1:] for row in found])
 
 
 DRIFT_HEADER = (
@@ -219,34 +234,55 @@ def _trends(group: Group, several: bool) -> Iterable[Trend]:
                 _drawn(fit, group.epoch),
                 "Static angle",
             )
-    yield from _measured(group, of)
+    yield from _errors(group.frame, of)
+    yield from _delays(group.frame, of)
+    yield from _flexures(group.frame, of)
+    yield from _curvatures(group.frame, of)
 
 
-def _measured(group: Group, of: str) -> Iterable[Trend]:
+def _errors(frame: pl.DataFrame, of: str) -> Iterable[Trend]:
+    """Per axis the errors beside what was expected: heading is known far worse than the rest, so axes stand apart."""
+    known = {name: _by_axis(frame, column) for name, column in ERRORS}
+    known = {name: found for name, found in known.items() if np.isfinite(found[1]).any()}
+    for i, axis in enumerate(NAMES if known else ()):
+        stamp = next(iter(known.values()))[0]
+        values = np.stack([found[1][:, i] for found in known.values()], axis=1)
+        yield Trend(f"Error about {axis}{of}", "arcmin", stamp, values, None, list(known), tab="Accuracy")
+
+
+def _flexures(frame: pl.DataFrame, of: str) -> Iterable[Trend]:
     columns = (
-        ("RMSE against truth", "arcmin", "rmse_truth_arcmin", None, "Accuracy"),
-        ("RMSE against PHINS", "arcmin", "rmse_phins_arcmin", None, "Accuracy"),
-        ("Predicted σ of the total angle", "arcmin", "predicted_std_arcmin", None, "Accuracy"),
-        ("Flexure σ", "arcmin", "flexure_std_arcmin", "flexure_log_std", "Flexure"),
-        ("Damping μ", "1/s", "flexure_damping", None, "Flexure"),
-        ("Frequency λ", "rad/s", "flexure_frequency", None, "Flexure"),
-        ("Motion of the ship, σ of the rate", "deg/s", "motion_dps", None, "Flexure"),
-        ("Largest curvature of the deck", "rad/m", "deck_peak_rad_per_m", "deck_peak_std_rad_per_m", "Deck shape"),
+        ("Flexure σ", "arcmin", "flexure_std_arcmin"),
+        ("Damping μ", "1/s", "flexure_damping"),
+        ("Frequency λ", "rad/s", "flexure_frequency"),
+        ("Motion of the ship, σ of the rate", "deg/s", "motion_dps"),
     )
-    for title, unit, column, spread, tab in columns:
-        stamp, values = _by_axis(group.frame, column)
-        std = None if spread is None else _by_axis(group.frame, spread)[1]
-        if spread == "flexure_log_std" and std is not None:
-            std = std * values
-        names = [f"{axis} ({curve})" for axis, curve in zip(AXES, CURVES)] if tab == "Deck shape" else NAMES
+    for title, unit, column in columns:
+        stamp, values = _by_axis(frame, column)
+        std = values * _by_axis(frame, "flexure_log_std")[1] if column == "flexure_std_arcmin" else None
         if np.isfinite(values).any():
-            yield Trend(title + of, unit, stamp, values, std, names, tab=tab)
-    delay = group.frame.filter((pl.col("axis") == "x") & pl.col("time_delay_s").is_not_null())
+            yield Trend(title + of, unit, stamp, values, std, NAMES, tab="Flexure")
+
+
+def _curvatures(frame: pl.DataFrame, of: str) -> Iterable[Trend]:
+    """Per kind of curvature, in 1e-5 rad/m: each changes by far less than one differs from another."""
+    stamp, values = _by_axis(frame, "deck_peak_rad_per_m")
+    std = _by_axis(frame, "deck_peak_std_rad_per_m")[1]
+    for i, (axis, curve) in enumerate(zip(AXES, CURVES)):
+        if np.isfinite(values[:, i]).any():
+            kind = curve if curve == "torsion" else f"{curve} curvature"
+            title, name = f"Largest {kind} of the deck{of}", f"{axis} ({curve})"
+            value, spread = 1e5 * values[:, i, None], 1e5 * std[:, i, None]
+            yield Trend(title, "1e-5 rad/m", stamp, value, spread, [name], tab="Deck shape")
+
+
+def _delays(frame: pl.DataFrame, of: str) -> Iterable[Trend]:
+    delay = frame.filter((pl.col("axis") == "x") & pl.col("time_delay_s").is_not_null())
     if len(delay):
         value, std = (1e3 * delay[name].cast(pl.Float64).fill_null(np.nan).to_numpy()[:, None]
                       for name in ("time_delay_s", "time_delay_std_s"))  # fmt: skip
         stamp = delay["start_utc"].dt.epoch("ns").to_numpy().astype(np.int64)
-        yield Trend(f"Time delay{of}", "ms", stamp, value, std, ["delay"], tab="Accuracy")
+        yield Trend(f"Time delay of the sub-IMU{of}", "ms", stamp, value, std, ["time delay"], tab="Accuracy")
 
 
 def _by_axis(frame: pl.DataFrame, column: str) -> tuple[IntArray, FloatArray]:

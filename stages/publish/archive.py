@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
 
+AGAINST_THE_SEA = "Flexure against the sea"
+"""Title of the table that stands beside the charts of flexure against the sea."""
+
 
 @dataclass(frozen=True)
 class Fit:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from schemas.products import Deformation, Estimate
+from stages.publish.rows import known_rows
 
 
 def time_delay(deformation: Deformation) -> Estimate:
@@ -17,7 +16,7 @@ def static_angle(deformation: Deformation) -> Estimate:
     if "static_angle" in deformation.parameters:
         return deformation.parameters["static_angle"]
     static = deformation.alignment.static
-    known = np.isfinite(deformation.static_part).all(axis=1)
-    if not known.any():
+    known = known_rows(deformation.static_part)
+    if not len(known):
         return static
-    return Estimate(deformation.static_part[known].mean(axis=0), static.std, static.status, static.reason)
+    return Estimate(known.mean(axis=0), static.std, static.status, static.reason)

@@ -37,11 +37,11 @@ def measured_spectrum(theta: FloatArray, rate: float) -> tuple[FloatArray, Float
     """Frequency (k,) Hz and one-sided density (k, 3) rad^2/Hz of flexure (n, 3), Welch's method."""
     length = max(int(min(SEGMENT * rate, len(theta) / 4)), MIN_SAMPLES)
     # Axis by axis, here and below: a transform takes several times the memory of its signal.
-    density = np.stack([_welch(axis, rate, length) for axis in theta.T], axis=1)
+    density = np.stack([welch(axis, rate, length) for axis in theta.T], axis=1)
     return np.asarray(np.arange(1, len(density)) * rate / length), density[1:]
 
 
-def _welch(x: FloatArray, rate: float, length: int) -> FloatArray:
+def welch(x: FloatArray, rate: float, length: int) -> FloatArray:
     """One-sided density, the mean over segments of ``length`` samples that overlap by half: Hann, straight line off."""
     segments = np.lib.stride_tricks.sliding_window_view(x, length)[:: length - length // 2]
     k = np.arange(length) - 0.5 * (length - 1)

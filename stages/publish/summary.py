@@ -10,6 +10,7 @@ import numpy as np
 from physics.units import ARCMIN
 from schemas.products import DeckShape, Deformation, FlexureModel, Result, Score
 from stages.publish.best import static_angle, time_delay
+from stages.publish.rows import known_rows
 
 AXES = ("vertical", "torsion", "horizontal")  # curvature about x, y, z
 REFERENCES = ("truth", "phins")
@@ -66,14 +67,13 @@ def _flexure(flexure: FlexureModel) -> dict[str, Any]:
 def _details(result: Result) -> dict[str, Any]:
     deformation = result.deformation
     static, delay = static_angle(deformation), time_delay(deformation)
-    variance = np.diagonal(deformation.covariance, axis1=1, axis2=2)
-    known = np.isfinite(variance).all(axis=1)
+    variance = known_rows(np.diagonal(deformation.covariance, axis1=1, axis2=2))
     return {
         "static_std_arcmin": static.std / ARCMIN,
         "static_status": str(static.status),
         "time_delay_std_s": delay.std,
         "time_delay_status": str(delay.status),
-        "predicted_std_arcmin": np.sqrt(variance[known].mean(axis=0)) / ARCMIN if known.any() else [None] * 3,
+        "predicted_std_arcmin": np.sqrt(variance.mean(axis=0)) / ARCMIN if len(variance) else [None] * 3,
         "deformation_std_arcmin": np.nanstd(deformation.total, axis=0) / ARCMIN,
         "scores": [_score(score) for score in result.scores],
         "used": list(deformation.used),

@@ -14,6 +14,7 @@ from schemas.products import Innovations, Result, Score, Status
 from schemas.rig import FloatArray
 from schemas.trial import Trial
 from stages.publish.best import static_angle, time_delay
+from stages.publish.rows import known_rows
 
 AXES = ("x (pitch)", "y (roll)", "z (heading)")
 REFERENCE_NAMES = {"truth": "truth", "phins": "PHINS"}
@@ -90,9 +91,10 @@ def closest(results: Sequence[Result]) -> tuple[Result, str] | None:
 
 def sigma_of(result: Result) -> FloatArray:
     """(3,) rad, RMS over time of the estimate's own standard deviation; NaN where it has none."""
-    variance = np.diagonal(result.deformation.covariance, axis1=1, axis2=2)
-    known = np.isfinite(variance).all(axis=1) & (variance >= 0).all(axis=1)
-    return np.sqrt(variance[known].mean(axis=0)) if known.any() else np.full(3, np.nan)
+    variance = known_rows(np.diagonal(result.deformation.covariance, axis1=1, axis2=2))
+    if len(variance) and variance.min() < 0:
+        variance = variance[(variance >= 0).all(axis=1)]
+    return np.sqrt(variance.mean(axis=0)) if len(variance) else np.full(3, np.nan)
 
 
 def minutes(values: FloatArray, signed: bool = False) -> str:
@@ -111,9 +113,8 @@ def angle(radians: float, signed: bool = False) -> str:
 
 def flexure_std(result: Result) -> FloatArray:
     """(3,) rad, standard deviation over time of the dynamic part as it was estimated."""
-    dynamic = result.deformation.dynamic_part
-    known = np.isfinite(dynamic).all(axis=1)
-    return dynamic[known].std(axis=0) if known.any() else np.full(3, np.nan)
+    dynamic = known_rows(result.deformation.dynamic_part)
+    return dynamic.std(axis=0) if len(dynamic) else np.full(3, np.nan)
 
 
 def ratio(score: Score) -> FloatArray:
@@ -138,9 +139,8 @@ def _delay(delay: object) -> str:
 
 
 def _largest(result: Result) -> FloatArray:
-    dynamic = np.abs(result.deformation.dynamic_part)
-    known = np.isfinite(dynamic).all(axis=1)
-    return dynamic[known].max(axis=0) if known.any() else np.full(3, np.nan)
+    dynamic = known_rows(result.deformation.dynamic_part)
+    return np.maximum(dynamic.max(axis=0), -dynamic.min(axis=0)) if len(dynamic) else np.full(3, np.nan)
 
 
 def _sure(result: Result) -> str:

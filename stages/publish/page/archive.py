@@ -12,6 +12,7 @@ from stages.publish.page.figure import BLUE, GREY, PALETTE, Band, Line, Plot, Po
 from stages.publish.page.html import Html, bullets, join, section, table
 from stages.publish.page.sheet import Sheet, render, verdict_box
 
+MOST_LETTERS = 28  # of a last column that is a figure
 MOST_ROWS = 500  # of a table on the page: a catalogue has them all
 MOST_POINTS = 1500  # of a figure: beyond that, every second, third, ... log is drawn, and it is said
 
@@ -46,7 +47,7 @@ def _trend_plot(trend: Trend, x: Axis) -> Plot:
     std = np.zeros_like(values) if trend.std is None else np.nan_to_num(trend.std[some])
     t = trend.stamp[some].astype(float)
     parts = [Points(t, values[:, i], std[:, i], PALETTE[i % len(PALETTE)], name) for i, name in enumerate(trend.names)]
-    y = Axis(*span_of([values - std, values + std], zero=False), trend.label)
+    y = Axis(*span_of([values - std, values + std], zero=False), f"[{trend.label}]")
     return Plot(trend.title + said, x, y, [*_fit_parts(trend.fit), *parts], height=190.0)
 
 
@@ -76,5 +77,8 @@ def _relation_plot(relation: Relation) -> Plot:
 def _listed(listing: Listing) -> Html:
     rest = len(listing.rows) - MOST_ROWS
     note = f"and {rest} more" if rest > 0 else ""
-    made = table(listing.header, listing.rows[:MOST_ROWS]) if listing.rows else None
+    wordy = any(len(str(row[-1])) > MOST_LETTERS for row in listing.rows)
+    made = (
+        table(listing.header, listing.rows[:MOST_ROWS], class_="listing" if wordy else None) if listing.rows else None
+    )
     return section(listing.title, join([made, note]))

@@ -14,6 +14,7 @@ from stages.publish.page.html import Html, join, tag
 
 NAME_WIDTH = 220.0
 ROW = 20.0
+NOTE = 45.0  # room of a note
 MOST_COLUMNS = 160  # of a map: wider ones are summed together
 STOPS = np.array([(247, 248, 250), (253, 219, 150), (240, 130, 60), (170, 25, 45)], dtype=float)
 
@@ -80,7 +81,10 @@ def _bar(axis: Axis, row: Bar, top: float) -> Html:
                          class_="whisker"))  # fmt: skip
     if row.mark is not None:
         parts.append(tag("path", d=f"M{_at(axis, row.mark):.1f} {top}v18", class_="mark"))
-    note = tag("text", row.note, x=f"{max(right, zero) + 5:.1f}", y=top + 12) if row.note else None
+    beyond = max(right, zero)
+    if row.mark is not None and 0.0 < _at(axis, row.mark) - beyond < NOTE:
+        beyond = _at(axis, row.mark)
+    note = tag("text", row.note, x=f"{beyond + 5:.1f}", y=top + 12) if row.note else None
     return join([*parts, note])
 
 
@@ -113,7 +117,7 @@ def heat_map(one: HeatMap) -> Html:
     cells = [_cell(values[i, k], top, i, k, width) for i in range(len(one.rows)) for k in range(len(columns))]
     names = [tag("text", n, x=NAME_WIDTH - 8, y=ROW * i + 14, class_="end") for i, n in enumerate(one.rows)]
     base = ROW * len(one.rows)
-    every = max(1, round(70.0 / width))
+    every = max(1, int(np.ceil(65.0 / width)))
     feet = [
         tag("text", n, x=f"{NAME_WIDTH + (k + 0.5) * width:.1f}", y=base + 14, class_="mid")
         for k, n in enumerate(columns) if k % every == 0

@@ -14,9 +14,11 @@ from stages.publish.page.charts import Bar, Bars, HeatMap, bars, heat_map
 from stages.publish.page.figure import BLUE, GREEN, GREY, ORANGE, RED, Line, Plot, plot
 from stages.publish.page.html import Html, bullets, join, paragraph, section, table, tag
 from stages.publish.page.sheet import Sheet, render, verdict_box
+from stages.publish.residual import telling, whitened_spectra
 
 SPREAD = 4.0  # of a whitened trace: unit variance under the model
 MOST_TRACES = 4
+MOST_SPECTRA = 6
 TRACE_WINDOW = 120.0  # s, of the trace in detail
 MOST_BARS = 16
 NATS_TICKS = tuple((words.signed_log(v), f"{v:g}") for v in (-1e4, -100.0, 0.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6))
@@ -126,11 +128,13 @@ def _maps(found: Localisation | None) -> list[Html]:
 
 
 def _spectra(d: Diagnosis) -> Html:
+    """Of the gyros at full rate, and of the whitened residuals that tell most."""
     figures = [plot(_spectrum(one)) for one in d.spectra]
-    return tag("div", *figures, class_="row") if figures else join([])
+    whitened = [plot(_spectrum(one, "whitened, ")) for one in whitened_spectra(telling(d.traces, MOST_SPECTRA))]
+    return join(tag("div", *row, class_="row") for row in (figures, whitened) if row)
 
 
-def _spectrum(one: Spectrum) -> Plot:
+def _spectrum(one: Spectrum, what: str = "") -> Plot:
     f = one.frequency
     keep = f > 0
     x = Axis(float(f[keep].min()), float(f.max()), "frequency [Hz]", log=True)
@@ -140,14 +144,19 @@ def _spectrum(one: Spectrum) -> Plot:
         Line(f, one.before, ORANGE, "before"),
         Line(f, one.after, BLUE, "after"),
     ]
-    return Plot(words.channel_text(one.channel, one.axis), x, y, lines, height=230.0, width=300.0)
+    return Plot(what + words.channel_text(one.channel, one.axis), x, y, lines, height=230.0, width=300.0)
 
 
 def _traces(d: Diagnosis) -> Html:
     """The whole record, and below it the stretch where the regressor is largest in detail."""
-    drawn = d.traces[:MOST_TRACES]
-    return join(join([plot(_trace(one, _whole(one), "")), plot(_trace(one, _detail(one), " in detail"))])
-                for one in drawn if len(one.t) > 1)  # fmt: skip
+    drawn = telling(d.traces, MOST_TRACES)
+    return join(plot(_trace(one, axis, also)) for one in drawn for axis, also in _stretches(one))
+
+
+def _stretches(one: Trace) -> list[tuple[Axis, str]]:
+    """All of it, and where that is much longer than what shows single waves, a stretch."""
+    long = float(one.t[-1] - one.t[0]) > 1.5 * TRACE_WINDOW
+    return [(_whole(one), ""), *([(_detail(one), " in detail")] if long else [])]
 
 
 def _whole(one: Trace) -> Axis:

@@ -14,6 +14,7 @@ from stages.publish.page.html import Html, join, tag
 
 WIDTH = 720.0
 LEFT, RIGHT, TOP, BOTTOM = 58.0, 10.0, 20.0, 38.0
+LETTER = 6.0  # width of a digit below a figure
 BUCKETS = 600  # of a line: no more than this many pairs of minimum and maximum are drawn
 BLUE, GREEN, ORANGE, RED, GREY = "#1f6fbf", "#1d8a4b", "#d97a1e", "#c0352f", "#8a8f98"
 PURPLE, TEAL, YELLOW = "#7d4fb0", "#178a94", "#a98600"
@@ -194,10 +195,9 @@ def _grid(one: Plot) -> Html:
     across = [LEFT + float(one.x.place(np.array(t))) * w for t in one.x.ticks()]
     down = [TOP + (1 - float(one.y.place(np.array(t)))) * h for t in one.y.ticks()]
     d = "".join(f"M{x:.1f} {TOP:g}v{h:g}" for x in across) + "".join(f"M{LEFT:g} {y:.1f}h{w:g}" for y in down)
-    below = [
-        tag("text", one.x.text(t), x=f"{x:.1f}", y=f"{TOP + h + 13:g}", class_="mid")
-        for x, t in zip(across, one.x.ticks())
-    ]
+    words = [one.x.text(t) for t in one.x.ticks()]
+    inside = [min(x, one.width - 0.5 * LETTER * len(word)) for x, word in zip(across, words)]
+    below = [tag("text", word, x=f"{x:.1f}", y=f"{TOP + h + 13:g}", class_="mid") for x, word in zip(inside, words)]
     beside = [
         tag("text", one.y.text(t), x=f"{LEFT - 5:g}", y=f"{y + 3.5:.1f}", class_="end")
         for y, t in zip(down, one.y.ticks())

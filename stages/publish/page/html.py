@@ -19,7 +19,9 @@ def text(value: object) -> Html:
     """Escaped, unless it is markup; a character that cannot be printed becomes a replacement mark."""
     if isinstance(value, Html):
         return value
-    shown = "".join(c if c.isprintable() or c in SPACES else "\ufffd" for c in str(value))
+    shown = str(value)
+    if not shown.isprintable():
+        shown = "".join(c if c.isprintable() or c in SPACES else "\ufffd" for c in shown)
     return Html(escape(shown, quote=True))
 
 

@@ -27,7 +27,8 @@ th, td { padding: .24rem .8rem .24rem 0; text-align: right; vertical-align: top;
 th:first-child, td.text { text-align: left; }
 thead th { border-bottom: 1.5px solid #8a8f98; font-weight: 600; color: #3b4350; }
 tbody th { font-weight: 500; white-space: nowrap; } tbody tr { border-bottom: 1px solid #e7eaee; }
-table.words td, table.words thead th { text-align: left; } table.words td { overflow-wrap: break-word; }
+table.words td, table.words thead th, table.listing td, table.listing thead th { text-align: left; }
+table.listing td:not(:last-child) { white-space: nowrap; } table.words td { overflow-wrap: break-word; }
 figure { margin: .9rem 0 1.2rem; break-inside: avoid; }
 figure svg { display: block; width: 100%; height: auto; }
 figcaption { display: flex; flex-wrap: wrap; gap: .1rem 1rem; align-items: baseline;

@@ -13,7 +13,8 @@ from schemas.rig import FloatArray
 from schemas.trial import IntArray
 from stages.publish.document import accuracy_text
 from stages.publish.recording import layout
-from stages.publish.recording.overview import KEY_SHARE, error_view, key, surprises_of
+from stages.publish.recording.chart import key_view, log_key
+from stages.publish.recording.overview import colours_of, error_view, surprises_of
 from stages.publish.recording.scene import (
     AXES,
     AXIS_COLOURS,
@@ -31,6 +32,8 @@ from stages.publish.recording.scene import (
 )
 from stages.publish.recording.stream import send_band, send_lines, send_states, thin_extremes
 
+KEY_SHARES = (1.0, 0.7)  # of a key with one line, and of each more, where plots have 3
+LINE_LETTERS = 80  # of the names of innovations, beside each other
 WINDOW = 60.0  # s, of the RMS over time
 INNOVATIONS_SHOWN = (4.5, 30.0)  # least and largest limit of their plot
 DATA, GAP, STILL, MOVING, UNEXPECTED = "data", "gap", "lying still", "under way", "unexpected"
@@ -42,6 +45,8 @@ PALETTE: tuple[Colour, ...] = (*AXIS_COLOURS, ORANGE, (170, 110, 210), (90, 190,
 def log(rec: rr.RecordingStream, scene: Scene) -> None:
     """Innovations, RMS per minute, lanes, and the table."""
     innovations = scene.deformation.innovations
+    log_key(rec, "accuracy_key/errors", colours_of(scene)[1:])
+    log_key(rec, "accuracy_key/rms", [*zip(AXES, AXIS_COLOURS), *([("expected", GREY)] if scene.scores else [])])
     if innovations is not None and len(innovations.t):
         _log_innovations(rec, scene, innovations)
     _log_rms(rec, scene)
@@ -51,17 +56,37 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
 
 def tab(scene: Scene) -> rrb.Container:
     """Errors and innovations on the left, RMS, lanes and table on the right."""
-    left: list[object] = [key(), *(error_view(scene, axis) for axis in range(3))] if scene.scores else []
-    innovations = scene.deformation.innovations
-    if innovations is not None and len(innovations.t):
-        name = "Innovations, standardised, ±3 expected [1]"
-        entities = ["innovation_bound", "innovations"]
-        left.append(layout.time_view(scene, name, entities, innovation_range(innovations)))
+    left = [*_errors(scene), *_innovations(scene)]
     lanes = layout.lanes(scene, "Phases and gaps", "lanes")
-    right = [rms_view(scene), lanes, rrb.TextDocumentView(origin="accuracy", name="Accuracy in figures")]
-    shares = [KEY_SHARE, 3.0, 3.0, 3.0, 3.0][: len(left)] if scene.scores else None
-    columns = [rrb.Vertical(*left, row_shares=shares)] if left else []  # type: ignore[arg-type]
-    return rrb.Horizontal(*columns, rrb.Vertical(*right, row_shares=[1.9, 2.3, 2.6]), name="Accuracy")
+    words = rrb.TextDocumentView(origin="accuracy", name="Accuracy in figures")
+    right = [key_view("accuracy_key/rms", "Colours of RMS"), rms_view(scene), lanes, words]
+    columns = [rrb.Vertical(*(view for view, _ in left), row_shares=[share for _, share in left])] if left else []
+    return rrb.Horizontal(*columns, rrb.Vertical(*right, row_shares=[0.5, 1.9, 2.3, 2.5]), name="Accuracy")
+
+
+def _errors(scene: Scene) -> list[tuple[rrb.View, float]]:
+    """Views of the errors below their key, each with its share of the height."""
+    if not scene.scores:
+        return []
+    key = key_view("accuracy_key/errors", "Colours of errors")
+    return [(key, KEY_SHARES[0]), *((error_view(scene, axis), 3.0) for axis in range(3))]
+
+
+def _innovations(scene: Scene) -> list[tuple[rrb.View, float]]:
+    """The view of the innovations below its key."""
+    innovations = scene.deformation.innovations
+    if innovations is None or not len(innovations.t):
+        return []
+    lines, entities = key_lines(innovations), ["innovation_bound", "innovations"]
+    key = key_view("accuracy_key/innovations", "Colours of innovations", lines)
+    name = "Innovations, standardised, ±3 expected [1]"
+    view = layout.time_view(scene, name, entities, innovation_range(innovations))
+    return [(key, KEY_SHARES[0] + KEY_SHARES[1] * (lines - 1)), (view, 3.0)]
+
+
+def key_lines(innovations: Innovations) -> int:
+    """Lines that the names of innovations need beside each other."""
+    return -(-sum(len(name) + 4 for name in innovations.names) // LINE_LETTERS)
 
 
 def rms_view(scene: Scene) -> rrb.TimeSeriesView:
@@ -105,6 +130,8 @@ def _log_innovations(rec: rr.RecordingStream, scene: Scene, innovations: Innovat
     stamp = scene.trial.epoch + np.round(innovations.t * 1e9).astype(np.int64)
     colours = [PALETTE[i % len(PALETTE)] for i in range(len(innovations.names))]
     at, values = thin_extremes(stamp, innovations.values, stride(stamp, scene.rate))
+    names = list(zip(innovations.names, colours))
+    log_key(rec, "accuracy_key/innovations", names, key_lines(innovations))
     send_lines(rec, "innovations", at, scene.trial.epoch, values, innovations.names, colours, 1.0)
     zero = np.zeros((2, 1))
     send_band(rec, "innovation_bound", stamp[[0, -1]], scene.trial.epoch, zero, zero + 3.0, ["±3"], [GREY], "1")

@@ -12,17 +12,21 @@ import rerun.blueprint as rrb
 
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
-from stages.publish.archive import ArchiveReport, Fit, Listing, Relation, Trend
+from stages.publish.archive import AGAINST_THE_SEA, ArchiveReport, Fit, Listing, Relation, Trend
 from stages.publish.axis import Axis, span_of
 from stages.publish.document import plain_markdown, table
 from stages.publish.recording import layout
-from stages.publish.recording.chart import Chart, Curve, chart_view, log_chart
+from stages.publish.recording.chart import Chart, Curve, chart_view, key_view, log_chart, log_key
 from stages.publish.recording.comparison import COLOURS
-from stages.publish.recording.scene import AXIS_COLOURS, GREY, Colour
+from stages.publish.recording.overview import KEY_SHARE
+from stages.publish.recording.scene import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, Colour
 from stages.publish.recording.stream import SLICE, UTC, record
 
 DOT, WHISKER = 3.5, 1.2  # radius of markers and width of lines, points of the screen
 MOST_ROWS = 60  # of a table in the document
+MOST_LETTERS = 28  # of a cell
+SEA = "sea"
+KNOWN: dict[str, Colour] = {"RMSE against truth": GREEN, "RMSE against PHINS": ORANGE, "predicted σ": BLUE}
 MARKER = rr.components.MarkerShape
 FITTED = ("fitted", "one sigma above", "one sigma below")
 
@@ -37,10 +41,12 @@ def write_archive(report: ArchiveReport, path: Path) -> None:
     def log(rec: rr.RecordingStream) -> None:
         for trend, entity in zip(trends, entities):
             _log_trend(rec, trend, entity)
+        for name, entity in _keys(trends).items():
+            log_key(rec, entity, _colours_of([trend for trend in trends if trend.tab == name]))
         for relation, entity in zip(report.relations, charts):
             log_chart(rec, entity, _chart(relation))
-        text = rr.TextDocument(archive_text(report), media_type=rr.MediaType.MARKDOWN)
-        rec.log("summary", text, static=True)
+        for entity, text in (("summary", archive_text(report)), (SEA, _sea_text(report))):
+            rec.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
     tabs = _tabs(report, list(zip(trends, entities)), charts, axis)
     record(path, f"archive {report.title}", layout.blueprint(tabs, axis, UTC), log)
@@ -55,14 +61,29 @@ def archive_text(report: ArchiveReport) -> str:
     ]
     if report.warnings:
         parts += ["## What to distrust", "\n".join(f"- {plain_markdown(line)}" for line in report.warnings)]
-    stated = [[plain_markdown(name), plain_markdown(value)] for name, value in report.provenance.items()]
+    stated = [[plain_markdown(name), plain_markdown(value)] for name, value in report.provenance.items() if value]
     return "\n\n".join([*parts, table(["where from", ""], stated)] if stated else parts)
 
 
 def _listed(listing: Listing) -> str:
+    """A table; where its last column holds sentences, which no narrow view shows whole, they follow it as a list."""
     rows = [[plain_markdown(str(cell)) for cell in row] for row in listing.rows[:MOST_ROWS]]
     rest = len(listing.rows) - MOST_ROWS
-    return f"## {listing.title}\n\n{table(list(listing.header), rows)}" + (f"\n\nand {rest} more" if rest > 0 else "")
+    parts, header = [f"## {listing.title}"], list(listing.header)
+    wordy = any(len(row[-1]) > MOST_LETTERS for row in rows)
+    if wordy:
+        sentences = [f"- {row[0]}: {row[-1]}" for row in rows if row[-1]]
+        header, rows = header[:-1], [row[:-1] for row in rows]
+    if len(header) > 1:
+        parts.append(table(header, rows))
+    if wordy:
+        parts.append("\n".join(sentences))
+    return "\n\n".join([*parts, f"and {rest} more"] if rest > 0 else parts)
+
+
+def _sea_text(report: ArchiveReport) -> str:
+    """The table that stands beside the charts of flexure against the sea."""
+    return "\n\n".join(_listed(listing) for listing in report.listings if listing.title == AGAINST_THE_SEA)
 
 
 def _tabs(
@@ -71,22 +92,52 @@ def _tabs(
     """The summary beside the first kind of trend, a tab for each other kind, the sea last."""
     words = rrb.TextDocumentView(origin="summary", name="Summary")
     names = list(dict.fromkeys(trend.tab for trend, _ in trends))
-    stacks = [(name, [_view(trend, entity, axis) for trend, entity in trends if trend.tab == name]) for name in names]
+    stacks = [_stack(name, [(trend, entity) for trend, entity in trends if trend.tab == name], axis) for name in names]
     if not stacks:
         return [rrb.Vertical(words, name="Summary")]
-    first = rrb.Horizontal(rrb.Vertical(*stacks[0][1]), words, column_shares=[1.6, 1.0], name=stacks[0][0])
-    tabs: list[rrb.Container] = [first, *(rrb.Vertical(*views, name=name) for name, views in stacks[1:])]
+    first = rrb.Horizontal(stacks[0], words, column_shares=[1.5, 1.0], name=names[0])
+    tabs: list[rrb.Container] = [first, *stacks[1:]]
     if charts:
         views = [chart_view(entity, relation.title) for entity, relation in zip(charts, report.relations)]
-        tabs.append(rrb.Grid(*views, grid_columns=2, name="Against the sea"))
+        beside = rrb.TextDocumentView(origin=SEA, name="The lines in figures")
+        tabs.append(rrb.Grid(*views, beside, grid_columns=2, name="Against the sea"))
     return tabs
+
+
+def _stack(name: str, trends: Sequence[tuple[Trend, str]], axis: rrb.TimeAxis) -> rrb.Vertical:
+    """The figures of a tab below each other, above them what their colours mean."""
+    views = [_view(trend, entity, axis) for trend, entity in trends]
+    key = key_view(_keys([trend for trend, _ in trends])[name], "Colours")
+    return rrb.Vertical(key, *views, row_shares=[KEY_SHARE, *[9.0 / len(views)] * len(views)], name=name)
+
+
+def _keys(trends: Sequence[Trend]) -> dict[str, str]:
+    """The entity of each tab's key."""
+    return {trend.tab: f"key_{_plain(trend.tab)}" for trend in trends}
+
+
+def _colours_of(trends: Sequence[Trend]) -> list[tuple[str, Colour]]:
+    """What a tab's points, whiskers and lines are, each once."""
+    named = {name: colour for trend in trends for name, colour in zip(trend.names, _colours(trend))}
+    spread = [("upright line: ±σ", GREY)] if any(trend.std is not None for trend in trends) else []
+    fitted = [("line fitted, ±σ", GREY)] if any(trend.fit is not None for trend in trends) else []
+    return [*named.items(), *spread, *fitted]
+
+
+def _colours(trend: Trend) -> list[Colour]:
+    """Of each name: an axis keeps its colour, a reference its own."""
+    return [
+        AXIS_COLOURS["xyz".index(name[0])] if name[1:2] == " " and name[0] in "xyz" else
+        KNOWN.get(name, COLOURS[i % len(COLOURS)])
+        for i, name in enumerate(trend.names)
+    ]  # fmt: skip
 
 
 def _view(trend: Trend, entity: str, axis: rrb.TimeAxis) -> rrb.View:
     """Points whose standard deviation is not beyond the picture."""
     ends = [trend.values] if trend.std is None else [trend.values - trend.std, trend.values + trend.std]
     name, limits = f"{trend.title} [{trend.label}]", span_of(ends, zero=False)
-    return layout.lines_view(axis, name, [f"{entity}/**"], limits, legend=len(trend.names) > 1)
+    return layout.lines_view(axis, name, [f"{entity}/**"], limits)
 
 
 def _span(trends: Sequence[Trend]) -> tuple[float, float]:
@@ -104,9 +155,7 @@ def _log_trend(rec: rr.RecordingStream, trend: Trend, entity: str) -> None:
     if trend.fit is not None and np.isfinite(trend.fit.value).all():
         _log_fit(rec, trend.fit, f"{entity}/fit")
     order = np.argsort(trend.stamp, kind="stable")
-    colours = [AXIS_COLOURS["xyz".index(name[0])] if name[:1] in ("x", "y", "z") and len(name) < 14
-               else COLOURS[i % len(COLOURS)] for i, name in enumerate(trend.names)]  # fmt: skip
-    for i, (name, colour) in enumerate(zip(trend.names, colours)):
+    for i, (name, colour) in enumerate(zip(trend.names, _colours(trend))):
         value = trend.values[order, i]
         _points(rec, f"{entity}/{_plain(name)}", trend.stamp[order], value, name, colour, DOT, MARKER.Circle)
         if trend.std is not None:

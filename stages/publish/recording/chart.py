@@ -18,7 +18,7 @@ from stages.publish.axis import Axis
 from stages.publish.recording.scene import Colour
 
 WIDTH, HEIGHT = 160.0, 80.0
-KEY_HEIGHT, KEY_SPACE = 3.0, 5.0
+KEY_HEIGHT, KEY_LINE, KEY_LETTER, KEY_SPACE = 3.0, 6.0, 1.4, 4.0
 MARGIN = (14.0, 7.0, 26.0, 12.0)  # left, top, right, bottom
 FRAME: Colour = (120, 120, 125)
 GRID: Colour = (58, 58, 62)
@@ -40,13 +40,17 @@ class Curve:
 
 @dataclass(frozen=True)
 class Chart:
-    """Everything on one sheet. zones: (x0, x1) stretches of x to mark in red. height of the sheet."""
+    """Everything on one sheet. zones: (x0, x1) stretches of x to mark in red. height of the sheet.
+
+    low: the sheet is so low that the name of x stands beside its ticks, not below them.
+    """
 
     x: Axis
     y: Axis
     curves: Sequence[Curve]
     zones: Sequence[tuple[float, float]] = field(default_factory=tuple)
     height: float = HEIGHT
+    low: bool = False
 
 
 def chart_view(entity: str, name: str, height: float = HEIGHT) -> rrb.Spatial2DView:
@@ -132,7 +136,8 @@ def _log_frame(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     below, beside = [(x, base - 0.5) for x in xs], [(low - 6.0, y - 2.5) for y in ys]
     write_texts(rec, f"{entity}/ticks_x", below, [chart.x.text(t) for t in chart.x.ticks()])
     write_texts(rec, f"{entity}/ticks_y", beside, [chart.y.text(t) for t in chart.y.ticks()])
-    labels = [(0.5 * (low + high), chart.height - 6.5), (low + 0.5 * len(chart.y.label), 0.5)]
+    name = (WIDTH - 0.5 * right, base - 0.5) if chart.low else (0.5 * (low + high), chart.height - 6.5)
+    labels = [name, (low + 0.5 * len(chart.y.label), 0.5)]
     write_texts(rec, f"{entity}/labels", labels, [chart.x.label, chart.y.label])
 
 
@@ -143,19 +148,21 @@ def _log_legend(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
         write_texts(rec, f"{entity}/legend", places, [c.name for c in named], [c.colour for c in named])
 
 
-def key_view(entity: str, name: str) -> rrb.Spatial2DView:
-    """The view of a key: one row of words."""
-    bounds = rrb.VisualBounds2D(x_range=[0.0, WIDTH], y_range=[0.0, KEY_HEIGHT])
+def key_view(entity: str, name: str, lines: int = 1) -> rrb.Spatial2DView:
+    """The view of a key: so many rows of words."""
+    bounds = rrb.VisualBounds2D(x_range=[0.0, WIDTH], y_range=[0.0, KEY_HEIGHT + KEY_LINE * (lines - 1)])
     return rrb.Spatial2DView(
         origin=entity, name=name, visual_bounds=bounds, background=rrb.Background(color=[22, 22, 26])
     )
 
 
-def log_key(rec: rr.RecordingStream, entity: str, names: Sequence[tuple[str, Colour]]) -> None:
+def log_key(rec: rr.RecordingStream, entity: str, names: Sequence[tuple[str, Colour]], lines: int = 1) -> None:
     """What the colours of the lines mean, in words of those colours: a legend within a plot would hide its end."""
-    widths = np.array([len(name) + KEY_SPACE for name, _ in names], dtype=float)
-    widths *= min(1.0, WIDTH / max(float(widths.sum()), 1.0))
-    places = [(x, 0.0) for x in np.cumsum(widths) - 0.5 * widths]
+    places: list[tuple[float, float]] = []
+    for line, row in enumerate(np.array_split(np.arange(len(names)), lines)):
+        widths = np.array([KEY_LETTER * len(names[k][0]) + KEY_SPACE for k in row])
+        widths *= min(1.0, WIDTH / max(float(widths.sum()), 1.0))
+        places += [(float(x), KEY_LINE * line) for x in np.cumsum(widths) - 0.5 * widths]
     write_texts(rec, entity, places, [name for name, _ in names], [colour for _, colour in names])
 
 

@@ -74,7 +74,7 @@ def tabs(scenes: Sequence[Scene]) -> list[rrb.Container]:
     rows = [rrb.Horizontal(*_axis_views(scenes, axis)) for axis in range(3)]
     side = rrb.TextDocumentView(origin="rmse", name="In figures")
     left = rrb.Vertical(key(), *rows, row_shares=[KEY_SHARE, 3.0, 3.0, 3.0])
-    curves = rrb.Horizontal(left, side, column_shares=[3.0, 1.0], name="Comparison")
+    curves = rrb.Horizontal(left, side, column_shares=[2.5, 1.0], name="Comparison")
     if not scenes[0].scores:
         return [curves]
     height = bars_height(max(len(scenes), 4))
@@ -129,12 +129,12 @@ def _axis_views(scenes: Sequence[Scene], axis: int) -> list[rrb.View]:
     entities = of_axis([*over, *(f"deformation/{name}" for name in names)], axis)
     title = f"Deformation {AXES[axis]} [arcmin]"
     limits = usual_range([scene.deformation.total[:, axis] / ARCMIN for scene in scenes])
-    views: list[rrb.View] = [layout.time_view(scenes[0], title, entities, limits, legend=False)]
+    views: list[rrb.View] = [layout.time_view(scenes[0], title, entities, limits)]
     if scenes[0].scores:
         title = f"Error {AXES[axis]} against {REFERENCE_NAMES[scenes[0].scores[0].reference]} [arcmin]"
         entities = of_axis([f"error/{name}" for name in names], axis)
         limits = usual_range([s.error[:, axis] / ARCMIN for scene in scenes for s in scene.scores[:1]])
-        views.append(layout.time_view(scenes[0], title, entities, limits, legend=False))
+        views.append(layout.time_view(scenes[0], title, entities, limits))
     return views
 
 

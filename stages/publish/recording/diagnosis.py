@@ -9,23 +9,28 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from schemas.diagnosis import Diagnosis, Localisation, Spectrum, Trace
+from schemas.rig import FloatArray
 from stages.publish import diagnosis_words as words
 from stages.publish.axis import Axis, decades_of, time_axis
 from stages.publish.document import plain_markdown, table
 from stages.publish.recording import layout
-from stages.publish.recording.chart import Chart, Curve, chart_view, log_chart
+from stages.publish.recording.chart import Chart, Curve, chart_view, key_view, log_chart, log_key
+from stages.publish.recording.overview import KEY_SHARE
 from stages.publish.recording.scene import BLUE, GREEN, GREY, ORANGE, RED
 from stages.publish.recording.sheet import Row, bars_height, log_bars, log_map, map_view, sheet_view
 from stages.publish.recording.stream import record, send_lines
+from stages.publish.residual import telling, whitened_spectra
 
 MOST_BARS = 14
 MOST_SPECTRA = 9
 MOST_TRACES = 6
+MOST_LETTERS = 28  # of a bar's name
 MAP_HEIGHT = 56.0
-SPECTRUM_HEIGHT = 100.0
+SPECTRA_IN_ROW, SPECTRUM_HEIGHT, ALL_SPECTRA_HEIGHT = 3, 80.0, 260.0
 SCALE = tuple((words.signed_log(v), f"{v:g}") for v in (-100.0, 0.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6))
 SHORT = ("log", "twin", "twin + effects", "compensated")
 TRACE_NAMES = ("before", "after", "what the effect foretells")
+TRACE_COLOURS = (ORANGE, BLUE, RED)
 
 
 def write_diagnosis_recording(diagnosis: Diagnosis, path: Path) -> None:
@@ -54,10 +59,25 @@ def _log(rec: rr.RecordingStream, d: Diagnosis) -> None:
         log_bars(rec, "rmse", _errors(d), "RMSE [arcmin]")
     if d.localisation is not None and d.localisation.score.size:
         _log_maps(rec, d.localisation)
-    for index, spectrum in enumerate(d.spectra[:MOST_SPECTRA]):
-        log_chart(rec, f"spectra/{index}", _spectrum_chart(spectrum))
-    for index, trace in enumerate(d.traces[:MOST_TRACES]):
+    found = _spectra(d)
+    for index, (_, spectrum) in enumerate(found):
+        log_chart(rec, f"spectra/{index}", _spectrum_chart(spectrum, _spectrum_height(len(found))))
+    for index, trace in enumerate(telling(d.traces, MOST_TRACES)):
         _log_trace(rec, index, trace)
+    log_key(rec, "residual_key", list(zip(TRACE_NAMES, TRACE_COLOURS)))
+
+
+def _spectra(d: Diagnosis) -> list[tuple[str, Spectrum]]:
+    """With their titles: of the gyros at full rate, and of the whitened residuals that tell most."""
+    named = [("", one) for one in d.spectra]
+    named += [("whitened, ", one) for one in whitened_spectra(telling(d.traces, MOST_TRACES))]
+    titles = [f"{what}{words.channel_text(one.channel, one.axis)} [{one.unit}]" for what, one in named]
+    return list(zip(titles, (one for _, one in named)))[:MOST_SPECTRA]
+
+
+def _spectrum_height(count: int) -> float:
+    """Of each of so many charts, three in a row, that they fill the tab."""
+    return max(SPECTRUM_HEIGHT, ALL_SPECTRA_HEIGHT / -(-count // SPECTRA_IN_ROW))
 
 
 def _tabs(d: Diagnosis, axis: rrb.TimeAxis) -> list[rrb.Container]:
@@ -67,15 +87,18 @@ def _tabs(d: Diagnosis, axis: rrb.TimeAxis) -> list[rrb.Container]:
         maps = [map_view("where/bands", "Deficit by channel and frequency [nats]", MAP_HEIGHT),
                 map_view("where/blocks", "Deficit by channel and time [nats]", MAP_HEIGHT)]  # fmt: skip
         tabs.append(rrb.Vertical(*maps, name="Where"))
-    if d.spectra:
-        charts = [chart_view(f"spectra/{k}", f"{words.channel_text(one.channel, one.axis)} [{one.unit}]",
-                             SPECTRUM_HEIGHT) for k, one in enumerate(d.spectra[:MOST_SPECTRA])]  # fmt: skip
-        tabs.append(rrb.Grid(*charts, grid_columns=min(3, len(charts)), name="Spectra"))
-    if d.traces:
+    found = _spectra(d)
+    if found:
+        height = _spectrum_height(len(found))
+        charts = [chart_view(f"spectra/{k}", title, height) for k, (title, _) in enumerate(found)]
+        tabs.append(rrb.Grid(*charts, grid_columns=min(SPECTRA_IN_ROW, len(charts)), name="Spectra"))
+    drawn = telling(d.traces, MOST_TRACES)
+    if drawn:
         views = [layout.lines_view(axis, f"Whitened residual, {words.channel_text(one.channel, one.axis)} [1]",
-                                   [f"residual/{k}"], legend=k == 0)
-                 for k, one in enumerate(d.traces[:MOST_TRACES])]  # fmt: skip
-        tabs.append(rrb.Vertical(*views, name="In time"))
+                                   [f"residual/{k}"])
+                 for k, one in enumerate(drawn)]  # fmt: skip
+        shares = [KEY_SHARE, *[9.0 / len(views)] * len(views)]
+        tabs.append(rrb.Vertical(key_view("residual_key", "Colours"), *views, row_shares=shares, name="In time"))
     return tabs
 
 
@@ -125,10 +148,16 @@ def _shrinkage(d: Diagnosis) -> list[Row]:
     rows = words.shrinkage(d) if d.effects or d.comparisons else []
     colours = {"answer": BLUE, "placebo": GREY}
     return [
-        Row(name, 100 * gap.closed, colours.get(name.split(":")[0], ORANGE),
+        Row(_short(name), 100 * gap.closed, colours.get(name.split(":")[0], ORANGE),
             50 * (gap.closed_ci95[1] - gap.closed_ci95[0]), note=f"{words.percent(gap.closed)} %")
         for name, gap in rows
     ]  # fmt: skip
+
+
+def _short(name: str) -> str:
+    """Beginning and end of a long name."""
+    head = MOST_LETTERS // 3
+    return name if len(name) <= MOST_LETTERS else f"{name[:head].rstrip()}…{name[head + 1 - MOST_LETTERS :].lstrip()}"
 
 
 def _errors(d: Diagnosis) -> list[Row]:
@@ -144,11 +173,17 @@ def _log_maps(rec: rr.RecordingStream, found: Localisation) -> None:
     bands = [words.band_short(float(a), float(b)) for a, b in found.bands_hz]
     axis = time_axis(float(found.edges_s[0]), float(found.edges_s[-1]))
     times = [f"{t / axis.scale:.3g}" for t in 0.5 * (found.edges_s[1:] + found.edges_s[:-1])]
-    log_map(rec, "where/bands", found.score.sum(axis=2), rows, bands, "frequency [Hz]", MAP_HEIGHT)
-    log_map(rec, "where/blocks", found.score.sum(axis=1), rows, times, axis.label, MAP_HEIGHT)
+    by_band, by_block = found.score.sum(axis=2), found.score.sum(axis=1)
+    log_map(rec, "where/bands", by_band, rows, bands, f"frequency [Hz]; {_red(by_band)}", MAP_HEIGHT)
+    log_map(rec, "where/blocks", by_block, rows, times, f"{axis.label}; {_red(by_block)}", MAP_HEIGHT)
 
 
-def _spectrum_chart(one: Spectrum) -> Chart:
+def _red(values: FloatArray) -> str:
+    """What the hottest colour of a map stands for."""
+    return f"red: {float(np.nanmax(values, initial=0.0)):.3g} nats"
+
+
+def _spectrum_chart(one: Spectrum, height: float) -> Chart:
     keep = one.frequency > 0
     f, before, after, expected = (v[keep] for v in (one.frequency, one.before, one.after, one.expected))
     x = Axis(float(f.min()), float(f.max()), "frequency [Hz]", True)
@@ -158,7 +193,7 @@ def _spectrum_chart(one: Spectrum) -> Chart:
         Curve(f, before, ORANGE, "before"),
         Curve(f, after, BLUE, "after"),
     ]
-    return Chart(x, y, curves, height=SPECTRUM_HEIGHT)
+    return Chart(x, y, curves, height=height)
 
 
 def _log_trace(rec: rr.RecordingStream, index: int, one: Trace) -> None:
@@ -166,5 +201,5 @@ def _log_trace(rec: rr.RecordingStream, index: int, one: Trace) -> None:
     columns = [one.before, one.after, *([one.regressor] if one.regressor.any() else [])]
     values = np.where(one.good[:, None], np.stack(columns, axis=1), np.nan)
     stamp = np.round(one.t * 1e9).astype(np.int64)
-    colours = (ORANGE, BLUE, RED)[: len(columns)]
+    colours = TRACE_COLOURS[: len(columns)]
     send_lines(rec, f"residual/{index}", stamp, None, values, TRACE_NAMES[: len(columns)], colours, 1.2)

@@ -70,10 +70,9 @@ def time_view(
     name: str,
     entities: Sequence[str],
     y_range: tuple[float, float] | None = None,
-    legend: bool = True,
 ) -> rrb.TimeSeriesView:
     """Lines over the time of a scene; the name says quantity and unit."""
-    return lines_view(time_axis(scene), name, entities, y_range, legend)
+    return lines_view(time_axis(scene), name, entities, y_range)
 
 
 def lines_view(
@@ -81,16 +80,15 @@ def lines_view(
     name: str,
     entities: Sequence[str],
     y_range: tuple[float, float] | None = None,
-    legend: bool = True,
 ) -> rrb.TimeSeriesView:
-    """Lines over time; without a legend where a neighbour has the same one."""
+    """Lines over time; without a legend, which would hide their ends: a key above says what they are."""
     return rrb.TimeSeriesView(
         origin="/",
         contents=list(entities),
         name=name,
         axis_x=axis,
         axis_y=rrb.ScalarAxis(range=legible(*y_range)) if y_range else None,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=False),
     )
 
 

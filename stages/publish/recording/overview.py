@@ -119,7 +119,7 @@ def estimate_view(scene: Scene, axis: int) -> rrb.TimeSeriesView:
     """Estimate with +-3 sigma, and each reference."""
     entities = [ESTIMATE, *(f"deformation/{score.reference}" for score in scene.scores)]
     name = f"Deformation {AXES[axis]} ±3σ [arcmin]"
-    return layout.time_view(scene, name, of_axis(entities, axis), angle_range(scene, axis), False)
+    return layout.time_view(scene, name, of_axis(entities, axis), angle_range(scene, axis))
 
 
 def error_view(scene: Scene, axis: int) -> rrb.TimeSeriesView:
@@ -131,7 +131,7 @@ def error_view(scene: Scene, axis: int) -> rrb.TimeSeriesView:
         *(f"{kind}/{s.reference}" for kind in ("error", "running_rmse") for s in scene.scores),
     ]
     name = f"Error {AXES[axis]}, RMSE so far [arcmin]" if scene.scores else f"Uncertainty {AXES[axis]} ±3σ [arcmin]"
-    return layout.time_view(scene, name, of_axis(entities, axis), error_range(scene, axis), False)
+    return layout.time_view(scene, name, of_axis(entities, axis), error_range(scene, axis))
 
 
 def angle_range(scene: Scene, axis: int) -> tuple[float, float]:
@@ -229,7 +229,7 @@ def track_chart(trial: Trial) -> Chart:
         Curve(east[k] + dot, north[k] + 0 * dot, colour, name, 9.0)
         for k, colour, name in ((0, GREEN, "start"), (-1, RED, "end"))
     ]
-    return Chart(x, y, [Curve(east, north, BLUE, "", 2.0), *ends], height=TRACK_HEIGHT)
+    return Chart(x, y, [Curve(east, north, BLUE, "", 2.0), *ends], height=TRACK_HEIGHT, low=True)
 
 
 def way(fixes: GnssSeries) -> tuple[FloatArray, FloatArray]:

@@ -12,9 +12,11 @@ from schemas.trial import ImuSeries, Trial
 from stages.publish.axis import span_of
 from stages.publish.best import time_delay
 from stages.publish.recording import layout
-from stages.publish.recording.scene import AXIS_COLOURS, BLUE, Scene, stride
+from stages.publish.recording.chart import key_view, log_key
+from stages.publish.recording.scene import AXIS_COLOURS, BLUE, GREEN, ORANGE, PURPLE, Colour, Scene, stride
 from stages.publish.recording.stream import send_band, send_lines, thin_extremes
 
+UNIT_COLOURS: tuple[Colour, ...] = (GREEN, ORANGE, PURPLE)
 CLOCK_RATE = 5.0  # Hz of the drawn sample intervals; minimum and maximum survive
 
 
@@ -37,6 +39,7 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
             names = [f"{name} {axis}" for axis in "xyz"]
             send_lines(rec, f"sensors/{kind}/{key}", stamp, scene.trial.epoch, thinned, names, AXIS_COLOURS, 1.0)
         _log_intervals(rec, scene, key, name, series)
+    log_key(rec, "sensors/key", colours_of(scene.trial))
     _log_delay(rec, scene)
 
 
@@ -46,7 +49,7 @@ def _log_intervals(rec: rr.RecordingStream, scene: Scene, key: str, name: str, s
         return
     ratio = np.diff(series.stamp) / usual_interval(series.stamp)
     stamp, thinned = thin_extremes(series.stamp[1:], ratio[:, None], stride(series.stamp, CLOCK_RATE))
-    colour = AXIS_COLOURS[list(units(scene.trial)).index(key) % 3]
+    colour = UNIT_COLOURS[list(units(scene.trial)).index(key)]
     send_lines(rec, f"sensors/interval/{key}", stamp, scene.trial.epoch, thinned, [name], [colour], 1.0)
 
 
@@ -71,9 +74,16 @@ def tab(scene: Scene) -> rrb.Container:
     ]
     intervals = [f"sensors/interval/{key}" for key in present]
     clocks = rrb.Horizontal(
-        layout.time_view(scene, "Sample interval [usual intervals]", intervals, y_range=(0.0, 3.0)),
+        layout.time_view(scene, "Sample interval [usual intervals]", intervals, (0.0, 3.0)),
         layout.time_view(scene, "Time delay of the sub-IMU ±3σ [ms]", ["sensors/delay"]),
         layout.lanes(scene, "Gaps", "lanes"),
     )
     columns = rrb.Horizontal(rrb.Vertical(*gyros), rrb.Vertical(*accels))
-    return rrb.Vertical(columns, clocks, row_shares=[2.4, 1.0], name="Sensors")
+    key = key_view("sensors/key", "Colours")
+    return rrb.Vertical(key, columns, clocks, row_shares=[0.3, 2.4, 1.35], name="Sensors")
+
+
+def colours_of(trial: Trial) -> list[tuple[str, Colour]]:
+    """Axes of the measurements, units of the sample intervals."""
+    names = [f"sample interval, {name}" for name, _ in units(trial).values()]
+    return [*zip("xyz", AXIS_COLOURS), *zip(names, UNIT_COLOURS)]

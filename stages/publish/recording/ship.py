@@ -117,7 +117,7 @@ def _log_moving_line(rec: rr.RecordingStream, scene: Scene, lever: FloatArray) -
     style = rr.LineStrips3D.from_fields(colors=[ORANGE], radii=rr.Radius.ui_points(3.0))
     rec.log("ship/bent_line", style, static=True)
     times = times_of(stamp, scene.trial.epoch)
-    rr.send_columns("ship/bent_line", times, rr.LineStrips3D.columns(strips=list(strips)), recording=rec)
+    rr.send_columns("ship/bent_line", times, rr.LineStrips3D.columns(strips=strips), recording=rec)
 
 
 def _log_path(rec: rr.RecordingStream, shape: DeckShape) -> None:

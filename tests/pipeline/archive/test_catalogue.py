@@ -77,7 +77,10 @@ def test_the_deck_stands_beside_the_axis_it_bends_about(entry):
     assert frame["deck_peak_rad_per_m"].to_list() == [1e-4, -2e-4, None]
     assert frame["deck_exceeds_limit"].to_list() == [True, False, False]
     made = archive_report(surveyed(framed([one])), "ship", (), {})
-    assert [trend.tab for trend in made.trends].count("Deck shape") == 1
+    deck = [trend for trend in made.trends if trend.tab == "Deck shape"]
+    assert [trend.title for trend in deck] == ["Largest vertical curvature of the deck", "Largest torsion of the deck"]
+    assert [trend.values.item() for trend in deck] == pytest.approx([10.0, -20.0])  # 1e-5 rad/m
+    assert [trend.std.item() for trend in deck] == pytest.approx([0.1, 0.1])
 
 
 def test_installations_are_told_apart(entry):

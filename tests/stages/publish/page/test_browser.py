@@ -8,11 +8,14 @@ import subprocess
 
 import pytest
 
+from stages.publish.page.archive import archive_page
+from stages.publish.page.comparison import comparison_page
 from stages.publish.page.diagnosis import diagnosis_page
 from stages.publish.page.run import run_page
 from tests.stages import synthetic_result as synthetic
 from tests.stages.publish import diagnosed
 from tests.stages.publish.page.reading import chromium
+from tests.stages.publish.voyages import archive_report
 
 BROWSER = chromium()
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
@@ -23,7 +26,8 @@ window.addEventListener("load", () => {
   const wide = [...document.querySelectorAll("main *")].filter(
     e => !e.closest("svg") && e.getBoundingClientRect().right > document.documentElement.clientWidth + 1);
   const cut = svgs.flatMap(s => [...s.querySelectorAll(":scope > text")].filter(t =>
-    t.getBoundingClientRect().left < s.getBoundingClientRect().left - 2));
+    t.getBoundingClientRect().left < s.getBoundingClientRect().left - 2 ||
+    t.getBoundingClientRect().right > s.getBoundingClientRect().right + 2));
   console.log(`PROBE figures=${svgs.length} undrawn=${bad.length} wide=${wide.length} cut=${cut.length}`);
 });
 </script>"""
@@ -32,7 +36,12 @@ window.addEventListener("load", () => {
 @pytest.fixture(scope="module")
 def pages():
     case = synthetic.case(duration=60.0, rate=20.0, gap=(30.0, 36.0))
-    return {"run": run_page(case.result, case.trial), "diagnose": diagnosis_page(diagnosed.diagnosis(), {"log": "a"})}
+    return {
+        "run": run_page(case.result, case.trial),
+        "compare": comparison_page([case.result, case.result], case.trial),
+        "diagnose": diagnosis_page(diagnosed.diagnosis(), {"log": "a"}),
+        "batch": archive_page(archive_report()),
+    }
 
 
 def browse(tmp_path, html, *options):
@@ -45,7 +54,7 @@ def browse(tmp_path, html, *options):
     return "\n".join(line for line in told.stderr.splitlines() if "CONSOLE" in line)
 
 
-@pytest.mark.parametrize("kind", ["run", "diagnose"])
+@pytest.mark.parametrize("kind", ["run", "compare", "diagnose", "batch"])
 def test_browser_finds_nothing_wrong_and_draws_every_figure(pages, tmp_path, kind):
     assert browse(tmp_path, pages[kind], "--dump-dom") == ""
     guard = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
@@ -64,7 +73,7 @@ def test_the_guard_stops_what_slips_in(pages, tmp_path):
     assert "Content Security Policy" in told
 
 
-@pytest.mark.parametrize("kind", ["run", "diagnose"])
+@pytest.mark.parametrize("kind", ["run", "compare", "diagnose", "batch"])
 def test_page_prints_to_pdf_with_its_text(pages, tmp_path, kind):
     pdf = tmp_path / "page.pdf"
     browse(tmp_path, pages[kind], "--no-pdf-header-footer", f"--print-to-pdf={pdf}")

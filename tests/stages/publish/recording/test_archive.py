@@ -58,6 +58,13 @@ def test_axes_keep_their_colours(path):
     assert style.column("SeriesPoints:colors")[0][0].as_py() == (red << 24) + (green << 16) + (blue << 8) + 255
 
 
+def test_each_tab_says_what_its_colours_mean(path):
+    words = chunks(path)["/key_static_angle"][0].column("Points2D:labels")[0].as_py()
+    assert words == ["z (heading)", "upright line: ±σ", "line fitted, ±σ"]
+    words = chunks(path)["/key_accuracy"][0].column("Points2D:labels")[0].as_py()
+    assert words == ["x (pitch)", "y (roll)", "z (heading)"]
+
+
 def test_views_say_their_units_and_tabs_are_there(path):
     names = view_names(path)
     assert "Static angle about z (heading) [arcmin]" in names
