@@ -1,10 +1,11 @@
-"""Pictures of real recordings and pages into docs/gallery: ``python -m benchmarks.gallery``.
+"""Pictures of real recordings and pages into docs/gallery: ``python -m benchmarks.gallery [PART ...]``.
 
 Needs what draws without a screen: a Vulkan driver (Mesa's llvmpipe serves) for the Rerun viewer, Chromium for pages.
 """
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import io
 import json
@@ -16,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -27,86 +28,142 @@ from PIL import Image
 
 from schemas.wire import Table, read_log, write_log
 
-TARGET = Path(__file__).parents[1] / "docs" / "gallery"
+ROOT = Path(__file__).parents[1]
+TARGET = ROOT / "docs" / "gallery"
 WINDOW = (1600, 1000)
 SHOWN_WIDTH = 1120
-COLOURS = 96
+COLOURS, EXACT = 96, 24  # of a picture; of them the commonest, kept as they are
 PATIENCE = 90.0  # s for the viewer to open a recording
 SETTLE = 6.0  # s until its opening messages are gone
 LENGTH = "120"  # s of the simulated trial
-EXPERIMENT = "sliding"
-VOYAGES, VOYAGE = 5, 50.0  # s each
+TRIAL = "trial.mcap"
+EXPERIMENT, SEEDS = "td-ma", "2"
+VOYAGES, VOYAGE = 12, 60.0  # one a month, s each
+DAMAGED, BROKEN = 7, 60_000  # the voyage whose log is cut short, and its bytes that are left
 FIRST = 1_767_225_600  # s, of the first voyage
 ESTIMATORS = ("smoother", "filter", "td-ma", "traditional")
 
 
 def main() -> None:
-    """Simulate, run, draw."""
+    """Simulate, run, draw: all parts, or those named."""
+    options = argparse.ArgumentParser(prog="python -m benchmarks.gallery", description=main.__doc__)
+    options.add_argument("part", nargs="*", help=f"one of {', '.join(PARTS)}; all of them where none is named")
+    options.add_argument("--folder", type=Path, help="keep logs, recordings, pages here; what is there stays")
+    chosen = options.parse_args()
+    unknown = [name for name in chosen.part if name not in PARTS]
+    if unknown:
+        options.error(f"there is no part {unknown[0]}; there are {', '.join(PARTS)}")
     TARGET.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
-        draw_all(Path(folder))
+    with workplace(chosen.folder) as folder:
+        for name in chosen.part or PARTS:
+            PARTS[name](folder)
     size = sum(path.stat().st_size for path in TARGET.glob("*.png"))
     print(f"{len(list(TARGET.glob('*.png')))} pictures, {size / 1e6:.2f} MB in all")
 
 
-def draw_all(folder: Path) -> None:
-    log, bad = folder / "trial.mcap", folder / "bad.mcap"
-    deckflex("simulate", "sample", "-o", log, "--seed", "7", "--duration", LENGTH)
-    spoil(log, bad)
-    deckflex("run", log, "--rrd", folder / "run.rrd", "--report", folder / "run.html")
-    deckflex("run", bad, "--rrd", folder / "bad.rrd", "--report", folder / "bad.html")
-    chosen = [word for name in ESTIMATORS for word in ("--estimator", name)]
-    deckflex("compare", log, *chosen, "--rrd", folder / "compare.rrd", "--report", folder / "compare.html")
+@contextmanager
+def workplace(kept: Path | None) -> Iterator[Path]:
+    """The folder named, or one that is gone afterwards."""
+    if kept is not None:
+        kept.mkdir(parents=True, exist_ok=True)
+        yield kept
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
+
+
+def draw_run(folder: Path) -> None:
+    """The main job on a trial with every channel."""
+    make_trial(folder)
+    make(folder, ["run.rrd", "run.html"], "run", TRIAL, "--rrd", "run.rrd", "--report", "run.html")
     draw_tabs(folder / "run.rrd", "run")
+    draw_page(folder / "run.html", "page-run")
+
+
+def draw_bad(folder: Path) -> None:
+    """The same trial spoilt."""
+    make_trial(folder)
+    spoil(folder / TRIAL, folder / "bad.mcap")
+    make(folder, ["bad.rrd", "bad.html"], "run", "bad.mcap", "--rrd", "bad.rrd", "--report", "bad.html")
     draw_tabs(folder / "bad.rrd", "bad", ("Overview",))
+    draw_page(folder / "bad.html", "page-bad")
+
+
+def draw_comparison(folder: Path) -> None:
+    """Several estimators on the trial."""
+    make_trial(folder)
+    outputs = ("--rrd", "compare.rrd", "--report", "compare.html")
+    chosen = [word for name in ESTIMATORS for word in ("--estimator", name)]
+    make(folder, ["compare.rrd", "compare.html"], "compare", TRIAL, *chosen, *outputs)
     draw_tabs(folder / "compare.rrd", "compare")
-    for name in ("run", "bad", "compare"):
-        draw_page(folder / f"{name}.html", f"page-{name}")
-    draw_reproduction(folder)
-    draw_archive(folder)
-    if diagnosed(folder, log):
-        draw_tabs(folder / "diagnosis.rrd", "diagnosis")
-        draw_page(folder / "diagnosis.html", "page-diagnosis")
+    draw_page(folder / "compare.html", "page-compare")
 
 
-def deckflex(*words: object, check: bool = True) -> int:
-    """The command as installed."""
-    command = [sys.executable, "-c", "from pipeline.cli import main; main()", *map(str, words)]
-    return subprocess.run(command, check=check, stdout=subprocess.DEVNULL).returncode
-
-
-def diagnosed(folder: Path, log: Path) -> bool:
-    """The log held against a twin that knows nothing of its time delay."""
-    twin = folder / "believed.toml"
-    twin.write_text(changed({"time_delay = 0.004": "time_delay = 0.0"}), encoding="utf-8")
-    outputs = ("--rrd", folder / "diagnosis.rrd", "--report", folder / "diagnosis.html")
-    return deckflex("diagnose", log, "--twin", twin, *outputs, check=False) == 0
+def draw_diagnosis(folder: Path) -> None:
+    """The trial held against a twin that knows nothing of its time delay."""
+    make_trial(folder)
+    (folder / "believed.toml").write_text(changed({"time_delay = 0.004": "time_delay = 0.0"}), encoding="utf-8")
+    outputs = ("--rrd", "diagnosis.rrd", "--report", "diagnosis.html")
+    make(folder, ["diagnosis.rrd", "diagnosis.html"], "diagnose", TRIAL, "--twin", "believed.toml", *outputs)
+    draw_tabs(folder / "diagnosis.rrd", "diagnosis")
+    draw_page(folder / "diagnosis.html", "page-diagnosis")
 
 
 def draw_reproduction(folder: Path) -> None:
-    """A published experiment, one seed: the page of all of them is docs/reproduction.md."""
-    out = folder / "reproduction"
-    deckflex("reproduce", EXPERIMENT, "--seeds", "1", "-o", out, check=False)
-    draw_tabs(next(out.glob("*.rrd")), "reproduce")
+    """A published experiment over few seeds: the page of all of them is docs/reproduction.md."""
+    recording = f"reproduction/{EXPERIMENT}.rrd"
+    make(folder, [recording], "reproduce", EXPERIMENT, "--seeds", SEEDS, "-o", "reproduction")
+    draw_tabs(folder / recording, "reproduce")
 
 
 def draw_archive(folder: Path) -> None:
     """Voyages month by month, the mount drifting and the sea changing; one log is damaged."""
-    logs, out = folder / "voyages", folder / "archive"
-    logs.mkdir()
+    (folder / "voyages").mkdir(exist_ok=True)
     for month in range(VOYAGES):
-        deckflex("simulate", voyage(folder, month), "-o", logs / f"voyage-{month:02d}.mcap", "--seed", str(month + 1))
-    whole = (logs / "voyage-03.mcap").read_bytes()
-    (logs / "voyage-03.mcap").write_bytes(whole[: len(whole) // 50])
-    deckflex("batch", logs, "-o", out, "--workers", "1", check=False)
-    deckflex("catalogue", out, "--rrd", folder / "archive.rrd", "--report", folder / "archive.html", check=False)
+        make_voyage(folder, month)
+    make(folder, ["archive"], "batch", "voyages", "-o", "archive", "--workers", "1")
+    outputs = ("--rrd", "archive.rrd", "--report", "archive.html")
+    make(folder, ["archive.rrd", "archive.html"], "catalogue", "archive", *outputs)
     draw_tabs(folder / "archive.rrd", "archive")
     draw_page(folder / "archive.html", "page-archive")
 
 
-def voyage(folder: Path, month: int) -> Path:
-    """The sample twin at another date: its mount turned a little further, in another sea."""
-    sea, twin = 0.6 + 0.4 * (month % 3), folder / f"voyage-{month:02d}.toml"
+PARTS: dict[str, Callable[[Path], None]] = {
+    "run": draw_run,
+    "bad": draw_bad,
+    "compare": draw_comparison,
+    "diagnosis": draw_diagnosis,
+    "reproduce": draw_reproduction,
+    "archive": draw_archive,
+}
+
+
+def make_trial(folder: Path) -> None:
+    """The simulated trial that most parts are drawn from."""
+    make(folder, [TRIAL], "simulate", "sample", "-o", TRIAL, "--seed", "7", "--duration", LENGTH)
+
+
+def make(folder: Path, wanted: Sequence[str], *words: str) -> None:
+    """Run the command as installed, unless what it writes is there; stop where it did not write it.
+
+    It works in the folder, so that no picture shows where this machine keeps its files.
+    """
+    missing = [name for name in wanted if not (folder / name).exists()]
+    if not missing:
+        return
+    command = [sys.executable, "-c", "from pipeline.cli import main; main()", *words]
+    places = {**os.environ, "PYTHONPATH": str(ROOT)}
+    status = subprocess.run(command, cwd=folder, env=places, stdout=subprocess.DEVNULL).returncode
+    if not (folder / missing[0]).exists():
+        raise SystemExit(f"deckflex {words[0]} ended with {status} and did not write {missing[0]}")
+
+
+def make_voyage(folder: Path, month: int) -> None:
+    """A log of the sample twin at another date: its mount turned a little further, in another sea."""
+    log, twin = f"voyages/voyage-{month + 1:02d}.mcap", f"voyage-{month + 1:02d}.toml"
+    if (folder / log).exists():
+        return
+    sea = 0.6 + 0.4 * (month % 3)
     static = [round(start + drift * month, 2) for start, drift in zip((12.0, -20.0, 30.0), (0.6, -0.9, 1.5))]
     changes = {
         "duration = 100.0": f"duration = {VOYAGE}",
@@ -117,13 +174,15 @@ def voyage(folder: Path, month: int) -> Path:
         "static_arcmin = [12.0, -20.0, 30.0]": f"static_arcmin = {static}",
         "std_arcmin = [3.0, 2.5, 4.0]": f"std_arcmin = {[round(sea * std, 2) for std in (3.0, 2.5, 4.0)]}",
     }
-    twin.write_text(changed(changes), encoding="utf-8")
-    return twin
+    (folder / twin).write_text(changed(changes), encoding="utf-8")
+    make(folder, [log], "simulate", twin, "-o", log, "--seed", str(month + 1))
+    if month + 1 == DAMAGED:
+        (folder / log).write_bytes((folder / log).read_bytes()[:BROKEN])
 
 
 def changed(changes: dict[str, str]) -> str:
     """The sample twin with some of its lines changed; each must be there."""
-    text = (Path(__file__).parents[1] / "twin" / "twins" / "sample.toml").read_text("utf-8")
+    text = (ROOT / "twin" / "twins" / "sample.toml").read_text("utf-8")
     for old, new in changes.items():
         if old not in text:
             raise SystemExit(f"the sample twin no longer says '{old}'")
@@ -241,8 +300,20 @@ def save(picture: Image.Image, name: str, width: int = SHOWN_WIDTH) -> None:
     """Smaller and in few colours: a page of documentation shall not weigh megabytes."""
     small = picture.resize((width, round(picture.height * width / picture.width)), Image.Resampling.LANCZOS)
     target = TARGET / f"{name}.png"
-    small.quantize(COLOURS, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE).save(target, optimize=True)
+    small.quantize(palette=palette(small), dither=Image.Dither.NONE).save(target, optimize=True)
     print(f"{target.name}: {target.stat().st_size / 1e3:.0f} kB", flush=True)
+
+
+def palette(picture: Image.Image) -> Image.Image:
+    """The commonest colours as they are, and of the rest some, a thin line's among them: each weighs little more."""
+    colours, counts = np.unique(np.asarray(picture).reshape(-1, 3), axis=0, return_counts=True)
+    common = colours[np.argsort(counts)[-EXACT:]]
+    coarse, counts = np.unique(colours & 0xF0, axis=0, return_counts=True)
+    weighed = np.repeat(coarse | 0x08, np.ceil(np.sqrt(counts)).astype(int), axis=0)
+    others = Image.fromarray(weighed[None]).quantize(COLOURS - EXACT, Image.Quantize.MEDIANCUT, kmeans=2)
+    found = Image.new("P", (1, 1))
+    found.putpalette([*common.ravel().tolist(), *(others.getpalette() or [])[: 3 * (COLOURS - EXACT)]])
+    return found
 
 
 if __name__ == "__main__":
