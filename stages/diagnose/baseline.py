@@ -19,13 +19,14 @@ from schemas.rig import FloatArray
 from stages import identify
 from stages.diagnose import whitening
 from stages.diagnose.columns import Response, lever_velocity
-from stages.diagnose.levels import FACTORS, Tuner, residual
+from stages.diagnose.levels import ANEW, FACTORS, Tuner, residual
 from stages.diagnose.nuisances import (
     Nuisance,
     believed_nuisances,
     full_rate,
     gyro_lag,
     impulses,
+    settling,
     slow_bending,
     steps,
     structure,
@@ -95,6 +96,7 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     response = Response(obs, at.R_ref, at.coupling)
     own = (
         *slow_bending(source, response),
+        *settling(response),
         *structure(flexure, obs, at.R_ref, response),
         *tolerances(source, flexure, obs, at.R_ref, response),
         *gyro_lag(source, obs, at.R_ref, response),
@@ -108,7 +110,7 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
         tuner = replace(tuner, nuisances=(*smooth, *own, *impulses(jumps, response)))
     # A step must neither make the noise larger nor be masked as wild: it is for the regression to find.
     free = replace(tuner, nuisances=(*tuner.nuisances, *steps(jumps, response)))
-    levels = free.tuned(levels, FACTORS) if start is None else free.tuned(_resumed(levels, start), FACTORS[2:])
+    levels = free.tuned(levels, FACTORS) if start is None else free.tuned(_resumed(levels, start), ANEW)
     whitened, columns = free.whitened(levels)
     columns = columns[:, :, : len(tuner.nuisances)]
     return Baseline(

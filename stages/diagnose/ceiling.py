@@ -17,11 +17,13 @@ from physics.units import STANDARD_GRAVITY
 from schemas.rig import FloatArray
 from stages.diagnose import whitening
 from stages.diagnose.baseline import Baseline
-from stages.diagnose.evidence import Gram, gram, held_out
+from stages.diagnose.evidence import Gram, gram, held_out, solve
 from twin.effects._prediction import LogView, Signals, on_axis
 
 LAGS_S = (-0.6, -0.2, 0.2, 0.6)
 HARMONICS = (1, 2, 3, 5)
+PIECE_S, SHORTEST_SWING_S = 5.0, 20.0  # s, of a clock that swings
+SWINGING = "a clock that swings"
 SLOW = 4  # sines over the record for what drifts
 
 
@@ -47,7 +49,8 @@ def families(
     """
     y = y[:, : base.whitened.values.shape[1]]
     out = []
-    for name, (channel, made) in FAMILIES.items():
+    swinging = _swinging_clock(base, view, found, white, kept, y)
+    for name, (channel, made) in {**FAMILIES, SWINGING: ("sub.stamp", swinging)}.items():
         if channel.startswith("phins") and base.match is None:
             continue
         raw = base.response.many(made(view))
@@ -61,6 +64,28 @@ def families(
         gained = held_out(joint, range(len(kept)), range(len(kept), len(kept) + len(names)))
         out.append(Family(name, gained, channel, _axis(own, y)))
     return tuple(sorted(out, key=lambda family: -family.gain.sum()))
+
+
+def _swinging_clock(base: Baseline, view: LogView, found: Gram, white: FloatArray, kept: list[int], y: FloatArray
+) -> Made:  # fmt: skip
+    """A clock error of one period: the one that the delay, demodulated in short pieces, swings with most."""
+    steady = whitening.whiten_columns(base.whitened, base.response.many([_late(view, np.ones(len(view.t)))]))[:, :, 0]
+    values = solve(found.total, found.precision, kept).value
+    left = np.nan_to_num(y - white[:, : y.shape[1], kept] @ values)
+    starts = np.arange(0, len(base.t), max(1, round(PIECE_S / float(np.median(np.diff(base.t))))))
+    t = base.t[starts] + 0.5 * PIECE_S
+    weight, moment = (np.add.reduceat(np.sum(steady * x, axis=1), starts) for x in (steady, left))
+    frequency = np.arange(0.5 / (t[-1] - t[0]), 1.0 / SHORTEST_SWING_S, 0.25 / (t[-1] - t[0]))
+    best = frequency[int(np.argmax([_swing(weight, moment, 2.0 * np.pi * f * t) for f in frequency]))]
+    swings = [function(2.0 * np.pi * best * view.t) for function in (np.sin, np.cos)]
+    return lambda view: [_late(view, s) for s in (np.ones(len(view.t)), *swings)]
+
+
+def _swing(weight: FloatArray, moment: FloatArray, phase: FloatArray) -> float:
+    """Nats that a sine beside a constant gains, given the information (k,) of each piece and its score (k,)."""
+    X = np.stack([np.ones(len(phase)), np.sin(phase), np.cos(phase)])
+    score, information = X @ moment, (X * weight) @ X.T + 1e-12 * weight.sum() * np.eye(3)
+    return float(0.5 * score @ np.linalg.solve(information, score))
 
 
 def _axis(own: FloatArray, y: FloatArray) -> str:
@@ -118,8 +143,12 @@ def _gyro_drift(view: LogView) -> list[Signals]:
 
 
 def _clock(view: LogView) -> list[Signals]:
-    steady = [Signals(gyro=-view.omega_dot_s, accel=-view.jerk_s)]
-    return steady + [Signals(gyro=-s[:, None] * view.omega_dot_s, accel=-s[:, None] * view.jerk_s) for s in _slow(view)]
+    return [_late(view, s) for s in (np.ones(len(view.t)), *_slow(view))]
+
+
+def _late(view: LogView, by: FloatArray) -> Signals:
+    """The sub-IMU late by (n,) s."""
+    return Signals(gyro=-by[:, None] * view.omega_dot_s, accel=-by[:, None] * view.jerk_s)
 
 
 def _accel_matrix(view: LogView) -> list[Signals]:

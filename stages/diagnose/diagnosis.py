@@ -151,9 +151,8 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     low_pass = _low_pass(events.without(before, found), twin, names)
     sharp = compensate(calm, [as_effect(finding) for finding in low_pass], twin).trial if low_pass else calm
     say("mean effects")
-    chosen = select(
-        sharp, twin, coarse, rng, names, bool(low_pass), spectra.flexure(events.without(before, found), twin)
-    )
+    seen = spectra.flexure(events.without(before, found), twin, bool(low_pass))
+    chosen = select(sharp, twin, coarse, rng, names, bool(low_pass), seen)
     say("spectra")
     aligned = _aligned(chosen, coarse)
     clean = chosen.clean

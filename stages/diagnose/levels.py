@@ -21,7 +21,9 @@ PER_STEP = (
     "index", "dt", "jump_s", "gap_end", "z", "u", "A_start", "A_end", "A_mid", "omega", "rate_m", "force_i", "force_m",
     "centred",
 )  # fmt: skip
-FACTORS = ((0.05, 20.0), (0.2, 5.0), (0.4, 2.5), (0.6, 1.6), (0.8, 1.25))  # tried on each noise level, round by round
+FACTORS = ((0.05, 20.0), (0.2, 5.0), (0.45, 2.2), (0.8, 1.25))  # tried on each noise level, round by round
+ANEW = ((0.7, 1.4),)  # of a log that changed a little
+PARABOLA = 2.5  # factor up to which a log-likelihood is one in the logarithm of a level
 STATES = np.zeros(0, dtype=np.int64)
 
 Factors = tuple[float, ...]
@@ -90,15 +92,14 @@ class Tuner:
         changes: list[Change] = [_jitter, _velocity, _colour, _accel, _colour_tau]
         if self.match is not None:
             changes += [_white, _drift, _tau]
-        tried = np.array([1.0, *factors])
+        tried = np.log([factors[0], 1.0, factors[1]])
         made = whitening.core(self.obs, levels.noise, self.at.coupling)
         now = self.channels(levels, made)
         for change in changes:
-            told = np.stack([now, *(self.channels(change(levels, np.full(3, f)), made) for f in factors)])
-            if change in PER_AXIS:
-                chosen = tried[np.argmax(told[:, 3:6], axis=0)]
-            else:
-                chosen = np.full(3, tried[int(np.argmax(told.sum(axis=1)))])
+            less, more = (self.channels(change(levels, np.full(3, f)), made) for f in factors)
+            told = np.stack([less, now, more])
+            told = told[:, 3:6] if change in PER_AXIS else np.repeat(told.sum(axis=1)[:, None], 3, axis=1)
+            chosen = np.exp(_highest(tried, told))
             if np.any(chosen != 1.0):
                 levels = change(levels, chosen)
                 now = self.channels(levels, made)
@@ -110,6 +111,19 @@ class Tuner:
         found = run_filter(model, STATES, keep=False)
         S = found.innovation_variance
         return np.asarray(-0.5 * np.nansum(np.log(S) + found.innovation**2 / S, axis=0))
+
+
+def _highest(x: FloatArray, y: FloatArray) -> FloatArray:
+    """(k,) where the likelihoods y (3, k) of three x (3,) are highest: by parabola where x are close, else one of x."""
+    best = np.argmax(y, axis=0)
+    if x[2] > np.log(PARABOLA):
+        return np.asarray(x[best])
+    left, right = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
+    bend = (right - left) / (x[2] - x[0])
+    low, high = x[np.maximum(best - 1, 0)], x[np.minimum(best + 1, 2)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        top = 0.5 * (x[0] + x[1]) - 0.5 * left / bend
+    return np.where(bend < 0.0, np.clip(top, 0.5 * (low + x[best]), 0.5 * (high + x[best])), x[best])
 
 
 def _jitter(levels: Levels, factor: FloatArray) -> Levels:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfiltfilt
+from scipy.signal import butter, detrend, lfilter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from physics import quaternions
@@ -23,6 +23,7 @@ from stages.diagnose.view import Believed, log_view
 from stages.paired import Linearisation, Observations
 from twin import effects
 from twin.effects._prediction import Signals, on_axis
+from twin.effects.heel_bending import LAG as LAG_OF_HEEL
 
 GYRO_BIAS = 0.05 * DEG_PER_HOUR  # how far a twin's figure may be off without being a gap, one sigma
 ACCEL_BIAS = 50.0 * MICRO_G
@@ -33,7 +34,10 @@ IMPULSE = 0.01  # rad
 LAG = 1e-3  # s
 SLOW_SHARE = 0.1  # of the quasi-static amplitude
 COUPLING_SHARE = 0.1  # of the lever arm
-DRIFT_WINDOW_S = 60.0  # s, over which theta is freed of the gyros' drift
+DRIFT_WINDOW_S = 60.0  # s, over which theta is freed of the gyros' drift at least
+WHOLE_FLEXURE = 180.0  # windows times the slowest damping that leave all but 2 % of the flexure
+DRIFT_SHARE = 0.1  # of the flexure, up to which the gyros' drift within a window does no harm
+SETTLING = 10.0 * ARCMIN
 STIFFNESS_SHARE = 1.0  # of stiffness and damping: how far the model's may be off
 LAGGING_HZ = (0.5, 2.0, 8.0)
 IN_PHASE_HZ = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0)
@@ -99,10 +103,19 @@ def _moving_mean(x: FloatArray, width: int) -> FloatArray:
     return np.asarray((total[high] - total[low]) / (high - low)[:, None])
 
 
-def seen_flexure(obs: Observations, R_ref: FloatArray) -> FloatArray:
-    """(n, 3) rad, the flexure that the gyros show, freed of their drift."""
-    theta = full_rate(obs, R_ref)
-    return theta - _moving_mean(theta, max(3, int(DRIFT_WINDOW_S / float(np.median(np.diff(obs.t))))))
+def seen_flexure(obs: Observations, R_ref: FloatArray, window: float = DRIFT_WINDOW_S) -> FloatArray:
+    """(n, 3) rad, the flexure that the gyros show, freed of their drift over a window (s), or of its trend where the
+    record is shorter. The shorter window frees it of slow bending too, and takes some of the flexure along."""
+    theta, t = full_rate(obs, R_ref), obs.t
+    if window > t[-1] - t[0]:
+        return np.asarray(detrend(theta, axis=0))
+    return theta - _moving_mean(theta, max(3, int(window / float(np.median(np.diff(t))))))
+
+
+def whole_window(flexure: FlexureModel, arw: float) -> float:
+    """A window (s) as long as the flexure needs and the gyros' drift allows; arw: of both units, rad/sqrt(s)."""
+    drift = (DRIFT_SHARE * float(flexure.std.min()) / max(arw, 1e-12)) ** 2
+    return max(DRIFT_WINDOW_S, min(WHOLE_FLEXURE / float(flexure.damping.min()), drift))
 
 
 def without_jumps(t: FloatArray, theta: FloatArray, jumps: Sequence[float]) -> FloatArray:
@@ -151,7 +164,7 @@ def _on_u(u: FloatArray) -> FloatArray:
 
 def structure(flexure: FlexureModel, obs: Observations, R_ref: FloatArray, response: Response) -> list[Nuisance]:
     """Stiffness and damping of each axis: the answer to a lacking moment b^2 theta or 2 mu theta'."""
-    theta = seen_flexure(obs, R_ref)
+    theta = seen_flexure(obs, R_ref)  # with slow bending in it they would explain just that
     step = float(np.median(np.diff(obs.t)))
     rate, out = np.gradient(theta, step, axis=0), []
     for axis, (mu, b2) in enumerate(zip(flexure.damping, flexure.stiffness)):
@@ -194,6 +207,15 @@ def slow_bending(source: Believed, response: Response) -> list[Nuisance]:
                 sigma = SLOW_SHARE * abs(amplitude) * ARCMIN
                 out.append(Nuisance(f"slow bending {name} {'xyz'[axis]}", bending, sigma))
     return out
+
+
+def settling(response: Response) -> list[Nuisance]:
+    """What a deck that follows heel with its lag still has of the time before the record."""
+    left = np.exp(-(response.obs.t - response.obs.t[0]) / LAG_OF_HEEL)
+    return [
+        Nuisance(f"settling {'xyz'[axis]}", response(Signals(bending=on_axis(axis, left))), SETTLING)
+        for axis in range(3)
+    ]
 
 
 def impulses(times: Sequence[float], response: Response) -> list[Nuisance]:

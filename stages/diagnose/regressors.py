@@ -16,8 +16,8 @@ from stages.diagnose import whitening
 from stages.diagnose.baseline import Baseline
 from stages.diagnose.evidence import Gram, gram
 from stages.diagnose.latency import main_column, main_match
-from stages.diagnose.nuisances import seen_flexure
-from stages.diagnose.view import log_view
+from stages.diagnose.nuisances import seen_flexure, whole_window
+from stages.diagnose.view import arw_of, log_view
 from twin import effects
 from twin.effects._prediction import LogView
 
@@ -58,7 +58,8 @@ class Regressors:
 
 def view_of(base: Baseline) -> LogView:
     """The view from which effects predict."""
-    return log_view(base.source, base.obs, base.at.R_ref, seen_flexure(base.obs, base.at.R_ref), base.flexure)
+    theta = seen_flexure(base.obs, base.at.R_ref, whole_window(base.flexure, arw_of(base.source)))
+    return log_view(base.source, base.obs, base.at.R_ref, theta, base.flexure)
 
 
 def regressors(

@@ -40,6 +40,8 @@ NULL_DRAWS = 100
 PARAMETRIC_SHARE = 0.8  # of a wandering bias's evidence: an effect that reaches it explains it with fewer numbers
 FLOOR_S = 1800.0  # of record for which the floor holds; longer ones need more
 KEPT_SHARE = 0.8  # of the threshold, below which a pick is dropped again beside the others
+ROUNDS = 3  # of linearisation about the picks, before anything else is looked for
+SETTLED = 3.0  # standard deviations by which a pick may move without being taken out anew
 EVENT_PENALTY = 3.0  # nats more for an event, on top of ln(steps) and half ln(steps) a parameter: its time was searched
 
 
@@ -135,10 +137,13 @@ def select(
     wandering: Wander | None = None
     thresholds: dict[str, float] = {}
     for _ in range(MOST + 1):
-        base, found, clean = about(picks, levels, wandering)
-        levels = base.levels
-        gram, taken = _frozen(found, picks)
-        picks = _refined(found, gram, picks, taken)
+        for _ in range(ROUNDS):
+            base, found, clean = about(picks, levels, wandering)
+            levels = base.levels
+            gram, taken = _frozen(found, picks)
+            picks = _refined(found, gram, picks, taken)
+            if _settled(picks):
+                break
         thresholds = _thresholds(found, gram, picks, rng)
         scored = _scored(found, gram, picks)
         moved = _wander(base, found, picks) if instability.NAME in library and wandering is None else None
@@ -161,6 +166,12 @@ def select(
         gram, taken = _frozen(found, picks)
         chosen = _finished(_refined(found, gram, picks, taken), base, found, clean, alone, thresholds, wandering)
     return chosen
+
+
+def _settled(picks: Sequence[Pick]) -> bool:
+    """Whether what was taken out for the picks is what they are found to be; what stays in the log always is."""
+    moved = [np.abs(pick.value - pick.taken) / np.sqrt(np.diag(pick.covariance)) for pick in picks if pick.taken.any()]
+    return all(float(m.max()) < SETTLED for m in moved)
 
 
 def _wander(base: Baseline, found: Regressors, picks: Sequence[Pick]) -> Wander:

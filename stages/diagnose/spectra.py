@@ -115,14 +115,17 @@ def fit(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) -> Joint
     return JointFit(tuple(findings), joint.score, nominal.score, joint.halves, joint.whole, coupled, found)
 
 
-def flexure(residual: FullRateResidual, twin: Twin) -> FloatArray | None:
+def flexure(residual: FullRateResidual, twin: Twin, lagging: bool = False) -> FloatArray | None:
     """(3, 3) damping, stiffness (1/s^2) and std (rad) of the axes, one a row, at any distance from the twin's; None
-    where gaps leave no spectrum. Segments are too short for slow bending to be in it."""
+    where gaps leave no spectrum. Segments are too short for slow bending to be in it. lagging: with a low-pass of the
+    gyros, which the flexure would be bent to otherwise."""
     data = spectra(residual)
     if data.poor:
         return None
     model = Model.of(twin, data.grid).plus("flexure_parameters")
-    return np.exp(fit_model(data, model, model.believed).x[FLEXURE]).reshape(3, 3)
+    fitted = _fitted(data, model, model.believed)
+    fitted = _try(data, fitted, "gyro_bandwidth") if lagging else fitted
+    return np.exp(fitted.whole.x[FLEXURE]).reshape(3, 3)
 
 
 def pictures(before: FullRateResidual, after: FullRateResidual, joint: JointFit) -> tuple[Spectrum, ...]:

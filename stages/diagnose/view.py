@@ -58,6 +58,12 @@ def believed(trial: Trial, twin: Twin, lagging: bool = False, flexure: FloatArra
     return Believed(trial, twin, lagging, flexure, has_forces(trial))
 
 
+def arw_of(source: Believed) -> float:
+    """Angle random walk of both gyros together, rad/sqrt(s), as the twin says."""
+    units = (source.twin.imu.main, source.twin.imu.sub)
+    return float(np.hypot(*(unit.gyro_arw for unit in units))) * DEG_PER_SQRT_HOUR
+
+
 def has_forces(trial: Trial) -> bool:
     """Whether the accelerometers of both units show something of the size of gravity."""
     return all(_shows_gravity(series) for series in (trial.main, trial.sub))

@@ -14,7 +14,7 @@ from pipeline.blind.reality.assembly import assemble
 from pipeline.blind.reality.causes import Cause
 from pipeline.blind.reality.departures import effective
 from pipeline.blind.reality.scenes import draw_scene
-from pipeline.blind.reality.severity import FOREIGN, LISTED, SEVERITIES, parameters, plain
+from pipeline.blind.reality.severity import FOREIGN, LISTED, SEVERITIES, parameters, plain, reached
 from schemas.trial import Trial, Truth
 from twin.config import Twin
 
@@ -114,6 +114,7 @@ def draw_case(
         (item, parameters(item, multiple, scene, choosing)) if isinstance(item, str) else (item[0], dict(item[1]))
         for item in wanted
     ]
+    severities = [reached(name, multiple, values, scene) for name, values in drawn]
     causes = tuple(CAUSES[name](values) for name, values in drawn)
     trial, truth = assemble(scene.nature, causes, noise)
     real = scene.nature
@@ -126,12 +127,12 @@ def draw_case(
                 "parameters": values,
                 "effective": plain(effective(name, values, scene.twin, real)),
                 "listed": CAUSES[name].listed,
-                "severity": multiple,
+                "severity": severity,
             }
-            for name, values in drawn
+            for (name, values), severity in zip(drawn, severities)
         ],
         "null": not drawn,
-        "severity": multiple if drawn else None,
+        "severity": min(severities, default=None),
         "grade": scene.grade,
         "sea": scene.sea,
         "duration_s": duration,

@@ -194,10 +194,8 @@ def _swinging_clock(d: Draw) -> Parameters:
 
 
 def _bouc_wen(d: Draw) -> Parameters:
-    return {
-        "hysteretic_share": float(min(0.25 + 0.05 * d.severity, 0.75)),
-        "yield_sigmas": float(d.rng.uniform(0.4, 0.9)),
-    }
+    shape = {"yield_sigmas": float(d.rng.uniform(0.6, 1.4))}
+    return {"hysteretic_share": min(d.sizes([0.0], shape)[0], MOST_HYSTERETIC)} | shape
 
 
 def _fractional(d: Draw) -> Parameters:
@@ -258,6 +256,7 @@ SEVERITIES: dict[str, Severity] = {
 FOREIGN = ("bouc_wen", "rate_nonlinearity", "fractional_flexure", "sinusoidal_clock")
 LISTED = tuple(name for name in SEVERITIES if name not in FOREIGN)
 REFERENCE = 1800.0  # s
+MOST_HYSTERETIC = 0.9  # of the stiffness: with more the deck would not come back
 
 
 def plain(values: Any) -> Any:
@@ -269,12 +268,21 @@ def plain(values: Any) -> Any:
     return values.item() if isinstance(values, np.generic) else values
 
 
+def reached(name: str, severity: float, drawn: Parameters, scene: Scene) -> float:
+    """The severity asked for, or the lesser one of a hysteresis that no share of the stiffness makes plainer."""
+    if name != "bouc_wen":
+        return severity
+    return min(severity, drawn["hysteretic_share"] / float(limits.hysteresis(scene.nature, drawn["yield_sigmas"])[0]))
+
+
 def parameters(name: str, severity: float, scene: Scene, rng: np.random.Generator) -> Parameters:
     """The effect's parameters in the units of the log contract, for a scene without it."""
     how, twin, grade = SEVERITIES[name], scene.twin, GRADES[scene.grade]
     factor = severity * (REFERENCE / twin.run.duration) ** how.power * (grade if how.graded else 1.0)
 
     def bound(shape: Parameters) -> FloatArray | None:
+        if name == "bouc_wen":
+            return limits.hysteresis(scene.nature, shape["yield_sigmas"])
         seen = limits.drive(scene.nature)
         columns = limits.unit_signals(name, seen, shape)
         return None if columns is None else limits.limit(scene.nature, columns, seen)
