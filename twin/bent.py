@@ -34,7 +34,7 @@ SLAB = 1 << 16
 class Bending:
     """What effects say of the deck; epoch: ns. before, after: (3,) rad, static angle without and with them.
 
-    bent: spline of b (rad) over time (s), None for no bending.
+    bent: spline of b (rad) over time (s), None for no bending; known: (2,) s, where it is, held beyond.
     """
 
     epoch: int
@@ -43,6 +43,7 @@ class Bending:
     before: FloatArray
     after: FloatArray
     bent: BSpline | None
+    known: tuple[float, float] = (-np.inf, np.inf)
 
     def mounting(self, t: FloatArray) -> FloatArray:
         """D (n, 4) at times t (n,) s."""
@@ -53,7 +54,12 @@ class Bending:
 
     def bending(self, t: FloatArray, order: int = 0) -> FloatArray:
         """b (n, 3) rad or one of its derivatives."""
-        return np.zeros((len(t), 3)) if self.bent is None else np.asarray(self.bent(t, order))
+        if self.bent is None:
+            return np.zeros((len(t), 3))
+        out = np.asarray(self.bent(np.clip(t, *self.known), order))
+        if order:
+            out[(t < self.known[0]) | (t > self.known[1])] = 0.0
+        return out
 
     def turn(self, t: FloatArray) -> FloatArray:
         """K (n, 4)."""
@@ -130,7 +136,7 @@ class Bending:
 def foretold(
     epoch: int, span: tuple[float, float], scene: Scene, effects: Sequence[Effect], before: Twin, after: Twin
 ) -> Bending | None:
-    """The bending that effects foretell over a span (s); None when they foretell none.
+    """The bending that effects foretell over a span (s) in which the scene is known; None when they foretell none.
 
     before, after: the twin without and with what the effects change in it.
     """
@@ -139,7 +145,8 @@ def foretold(
     if not acting and not mounted and before.mount.static_arcmin == after.mount.static_arcmin:
         return None
     static = [np.array(twin.mount.static_arcmin) * ARCMIN for twin in (before, after)]
-    return Bending(epoch, scene, mounted, static[0], static[1], _spline(acting, scene, span) if acting else None)
+    spline = _spline(acting, scene, span) if acting else None
+    return Bending(epoch, scene, mounted, static[0], static[1], spline, span)
 
 
 def _spline(effects: Sequence[Effect], scene: Scene, span: tuple[float, float]) -> BSpline:

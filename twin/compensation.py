@@ -58,15 +58,16 @@ def compensate(trial: Trial, effects: Sequence[Effect], twin: Twin) -> Compensat
     """
     twin = built(twin)[1]
     changed = reduce(lambda so_far, effect: effect.twin(so_far), effects, twin)
-    span = _span(trial)
-    repair = Repair(trial, recorded_scene(trial, twin, span))
+    first, last = _span(trial, (trial.main, trial.sub, trial.phins_main, trial.phins_sub))
+    repair = Repair(trial, recorded_scene(trial, twin, (first - SPARE_S, last + SPARE_S)))
     late = [effect for effect in effects if _acts_late(effect)]
     repair = _each(repair, reversed(late))
     repair = replace(repair, trial=_restated(repair.trial, changed, twin))
     repair = _each(repair, reversed([effect for effect in effects if not _acts_late(effect)]))
     clean = _on_time(repair.trial, effects, changed.mount.time_delay - twin.mount.time_delay)
     clean = _with_lever(clean, changed, twin)
-    bending = bent.foretold(trial.epoch, span, repair.scene, effects, twin, changed)
+    known = _span(trial, (trial.main,))  # what the ship did before and after is nothing but guessed
+    bending = bent.foretold(trial.epoch, known, repair.scene, effects, twin, changed)
     told = {note.split(":")[0] for note in repair.notes}
     others = [effect for effect in effects if effect.name not in told]
     notes = (*repair.notes, *(_told(effect, trial, twin) for effect in others))
@@ -76,12 +77,11 @@ def compensate(trial: Trial, effects: Sequence[Effect], twin: Twin) -> Compensat
     return Compensated(straight, clean, notes, bending)
 
 
-def _span(trial: Trial) -> tuple[float, float]:
-    """First and last instant (s) that any unit speaks of, with something to spare."""
-    units = (trial.main, trial.sub, trial.phins_main, trial.phins_sub)
+def _span(trial: Trial, units: Sequence[ImuSeries | None]) -> tuple[float, float]:
+    """First and last instant (s) that any of some units speaks of."""
     stamps = [unit.stamp for unit in units if unit is not None and len(unit)]
     first, last = min(stamp[0] for stamp in stamps), max(stamp[-1] for stamp in stamps)
-    return (float(first - trial.epoch) * 1e-9 - SPARE_S, float(last - trial.epoch) * 1e-9 + SPARE_S)
+    return (float(first - trial.epoch) * 1e-9, float(last - trial.epoch) * 1e-9)
 
 
 def _acts_late(effect: Effect) -> bool:

@@ -89,7 +89,9 @@ def diagnose(
         sum(f.evidence_nats for f in evidence.findings), evidence.left, halves_agree(evidence.chosen),
         bool(evidence.findings),
     )  # fmt: skip
-    named = evidence.findings if verdict.named else ()
+    named = evidence.findings if verdict.named else evidence.checks.findings
+    if named and not verdict.named:  # what stamps and values show needs no regression
+        verdict = replace(verdict, verdict=Verdict.PARTLY_EXPLAINED)
     built = [as_effect(finding) for finding in named]
     say("shrinkage")
     rmse = _errors(trial, twin_bare, built, rng) if shrink else None

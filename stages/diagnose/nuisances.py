@@ -107,6 +107,7 @@ def seen_flexure(obs: Observations, R_ref: FloatArray, window: float = DRIFT_WIN
     """(n, 3) rad, the flexure that the gyros show, freed of their drift over a window (s), or of its trend where the
     record is shorter. The shorter window frees it of slow bending too, and takes some of the flexure along."""
     theta, t = full_rate(obs, R_ref), obs.t
+    window = DRIFT_WINDOW_S if obs.jump_s.any() else window  # across gaps theta is not known
     if window > t[-1] - t[0]:
         return np.asarray(detrend(theta, axis=0))
     return theta - _moving_mean(theta, max(3, int(window / float(np.median(np.diff(t))))))

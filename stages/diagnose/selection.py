@@ -41,7 +41,7 @@ PARAMETRIC_SHARE = 0.8  # of a wandering bias's evidence: an effect that reaches
 FLOOR_S = 1800.0  # of record for which the floor holds; longer ones need more
 KEPT_SHARE = 0.8  # of the threshold, below which a pick is dropped again beside the others
 ROUNDS = 3  # of linearisation about the picks, before anything else is looked for
-SETTLED = 3.0  # standard deviations by which a pick may move without being taken out anew
+SETTLED = 1.0  # standard deviations by which a pick may move without being taken out anew
 EVENT_PENALTY = 3.0  # nats more for an event, on top of ln(steps) and half ln(steps) a parameter: its time was searched
 
 
@@ -265,9 +265,18 @@ def _scored(found: Regressors, gram: Gram, picks: Sequence[Pick]) -> dict[str, t
         if any(pick.group.effect == group.effect for pick in picks):
             continue
         score = _score(found, gram, base, group)
+        if score > FLOOR_NATS and not _makes_sense(found, gram, base, group):
+            score = 0.0
         if group.effect not in out or score > out[group.effect][0]:
             out[group.effect] = (score, group)
     return out
+
+
+def _makes_sense(found: Regressors, gram: Gram, base: Sequence[int], group: Group) -> bool:
+    """Whether a parameter that has one sign only has it."""
+    value = solve(gram.total, gram.precision, [*base, *gram.index(group.names)]).value[-len(group.names) :]
+    declared = {item.name: item for item in effects.get(group.effect).parameters()}
+    return all(declared[name].signed or v > 0.0 for name, v in zip(group.parameters, value) if name in declared)
 
 
 def _score(found: Regressors, gram: Gram, base: Sequence[int], group: Group) -> float:

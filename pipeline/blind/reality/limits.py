@@ -94,9 +94,9 @@ def limit(nature: Nature, columns: Sequence[FloatArray | Bending], seen: Drive) 
 def hysteresis(nature: Nature, yield_sigmas: float) -> FloatArray:
     """(1,) the least share of the stiffness that, yielding at so many sigmas, could be told from any linear deck.
 
-    As if the deflection were seen without noise: what is left of the hysteretic moment beside a stiffness and a damping,
+    As if the deflection were seen without noise: what is left of the hysteretic moment beside stiffness and damping,
     against the white forcing w of x'' + 2 mu x' + b^2 x = w, whose density is 4 mu b^2 sigma^2. To first order in the
-    share, on the path of the linear deck, a long one.
+    share, on a long path of the linear deck.
     """
     rng, nats = np.random.default_rng(0), 0.0
     for mu, frequency in zip(nature.deck.damping, nature.deck.frequency):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.blind.reality import limits
+from pipeline.blind.reality.drawing import draw
 from pipeline.blind.reality.flexure import STEP, Restoring, grid, random_path, settled
 from pipeline.blind.reality.scenes import draw_scene
 
@@ -85,3 +86,19 @@ def test_no_channel_tells_bending_from_flexure_better_than_theta_itself_would(na
         variance = density * np.sum(window**2) / limits.STEP
         information = 2.0 * np.sum(np.abs(spectrum[inside]) ** 2 / variance[inside])
         assert 0.9 < found[axis] * np.sqrt(information) < 1.6
+
+
+def test_the_least_hysteresis_falls_with_the_root_of_the_duration_and_without_yielding_there_is_none():
+    def least(duration, yields):
+        nature = draw_scene(np.random.default_rng(5), duration, 100.0, "navigation", "rough").nature
+        return float(limits.hysteresis(nature, yields)[0])
+
+    assert least(2400.0, 1.0) == pytest.approx(0.5 * least(600.0, 1.0), rel=1e-6)
+    assert least(600.0, 100.0) > 10.0 * least(600.0, 1.0)
+
+
+def test_a_hysteresis_that_cannot_be_plainer_is_drawn_with_the_severity_it_reaches():
+    answer = draw([3, 99], effects=["bouc_wen"], severity=10.0, duration=120.0)[2]
+    stated = answer["effects"][0]
+    assert stated["parameters"]["hysteretic_share"] == 0.9
+    assert answer["severity"] == stated["severity"] < 3.0
