@@ -60,8 +60,8 @@ def believed(trial: Trial, twin: Twin, lagging: bool = False, flexure: FloatArra
 
 def arw_of(source: Believed) -> float:
     """Angle random walk of both gyros together, rad/sqrt(s), as the twin says."""
-    units = (source.twin.imu.main, source.twin.imu.sub)
-    return float(np.hypot(*(unit.gyro_arw for unit in units))) * DEG_PER_SQRT_HOUR
+    imu = source.twin.imu
+    return float(np.hypot(imu.main.gyro_arw, imu.sub.gyro_arw)) * DEG_PER_SQRT_HOUR
 
 
 def has_forces(trial: Trial) -> bool:
