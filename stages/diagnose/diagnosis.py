@@ -36,6 +36,7 @@ from twin.config import Twin
 from twin.effects import Effect
 
 SHORTEST_S = 60.0
+SLACK_S = 1.0  # by which a record of that length may fall short: n samples span n - 1 intervals
 STILL = 2e-5  # rad/s rms of one-second means of the main IMU's rates, below which a ship does not move
 ALIKE_SHARE = 0.9  # of an effect's energy that a look-alike explains
 MOST_SPECTRAL = 3  # spectral effects named in one log
@@ -99,8 +100,8 @@ def diagnose(
 
 
 def _comparable(trial: Trial, twin: Twin) -> None:
-    if trial.duration < SHORTEST_S:
-        raise DataError(f"the log holds {trial.duration:.0f} s; a diagnosis needs {SHORTEST_S:.0f} s")
+    if trial.duration < SHORTEST_S - SLACK_S:
+        raise DataError(f"the log holds {trial.duration:.1f} s; a diagnosis needs {SHORTEST_S:.0f} s")
     rate = 1e9 / float(np.median(np.diff(trial.main.stamp)))
     if not 0.8 < rate / twin.run.rate < 1.25:
         raise DataError(f"the twin '{twin.name}' runs at {twin.run.rate:g} Hz, the main IMU of the log at {rate:g} Hz")

@@ -27,7 +27,7 @@ from schemas.trial import ImuSeries, Trial
 from twin import sensors
 from twin.config import Imu, Twin
 
-SHORTEST_S = 60.0  # s of common record below which spectra say nothing
+SHORTEST_S = 57.0  # s of common record below which spectra say nothing
 EDGE_S = 1.0  # s masked at either end
 GUARD = 2  # samples masked on either side of a bridged gap
 HALF_WIDTH = 32  # samples on either side, of the interpolation of the main IMU
