@@ -205,11 +205,8 @@ def _surely_wild(candidates: tuple[Candidate, ...], found: events.Found) -> even
 
 
 def _aligned(chosen: Selection, coarse: Alignment) -> Alignment:
-    """The alignment that the regression stands on: the twin's static angle with what was added to it."""
+    """The alignment of the log without the picks: the twin's own."""
     static = chosen.base.source.static
-    for pick in chosen.picks:
-        if pick.group.effect == "static_misalignment":
-            static = static + pick.value * np.pi / 10800.0
     delay = replace(coarse.time_delay, value=np.array(chosen.base.source.twin.mount.time_delay))
     return replace(coarse, rotation=exp(static), static=replace(coarse.static, value=static), time_delay=delay)
 
