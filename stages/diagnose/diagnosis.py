@@ -25,7 +25,7 @@ from stages.diagnose.ceiling import Family, families
 from stages.diagnose.findings import as_effect, of_pick, of_wander
 from stages.diagnose.gap import comparisons, gap_of
 from stages.diagnose.goodness import Excess
-from stages.diagnose.judgement import Abstention, halves_agree, judged
+from stages.diagnose.judgement import Abstention, halves_agree, judged, named_of
 from stages.diagnose.regressors import view_of
 from stages.diagnose.selection import Selection, select
 from stages.diagnose.spectra import FullRateResidual, JointFit
@@ -90,9 +90,8 @@ def diagnose(
         sum(f.evidence_nats for f in evidence.findings), evidence.left, halves_agree(evidence.chosen),
         bool(evidence.findings),
     )  # fmt: skip
-    named = evidence.findings if verdict.named else evidence.checks.findings
-    if named and not verdict.named:  # what stamps and values show needs no regression
-        verdict = replace(verdict, verdict=Verdict.PARTLY_EXPLAINED)
+    said, named = named_of(verdict, evidence.findings, evidence.checks.findings)
+    verdict = replace(verdict, verdict=said)
     built = [as_effect(finding) for finding in named]
     say("shrinkage")
     rmse = _errors(trial, twin_bare, built, rng) if shrink else None

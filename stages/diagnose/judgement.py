@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from schemas.diagnosis import Verdict
+from schemas.diagnosis import Finding, Verdict
 from stages.diagnose.evidence import solve
 from stages.diagnose.pick import Pick
 from stages.diagnose.selection import Selection
@@ -41,6 +41,15 @@ def judged(evidence: float, left: float, agree: float, any_found: bool) -> Abste
         else "the halves of the log contradict each other about their parameters"
     )
     return Abstention(Verdict.UNKNOWN_EFFECT, False, why)
+
+
+def named_of(
+    judged_: Abstention, found: tuple[Finding, ...], certain: tuple[Finding, ...]
+) -> tuple[Verdict, tuple[Finding, ...]]:
+    """Verdict and names: all that was found or, where that may not be, what stamps and values show on their own."""
+    if judged_.named:
+        return judged_.verdict, found
+    return (Verdict.PARTLY_EXPLAINED, certain) if certain else (judged_.verdict, ())
 
 
 def halves_agree(chosen: Selection) -> float:

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from schemas.products import Alignment, Deformation, Estimate, FlexureModel
 from tests.twin.effects.worlds import STRONG, table
-from twin import effects, make_twin, simulate
+from twin import bent, effects, make_twin, simulate
 from twin.compensation import compensate
 
 MICRO_G = 9.80665e-6
@@ -157,6 +158,15 @@ def test_bending_by_heel_is_gone_once_its_lag_has_settled() -> None:
     )
     assert np.abs(was).max() > 5 * ARCMIN
     assert np.abs(error).max() < 0.05 * ARCMIN
+
+
+def test_bending_is_held_where_the_record_does_not_reach() -> None:
+    t = np.linspace(0.0, 10.0, 201)
+    spline = make_interp_spline(t, np.stack([np.sin(t), t, 1.0 - t], axis=1), k=5)
+    held = bent.Bending(0, None, (), np.zeros(3), np.zeros(3), spline, (0.0, 10.0))  # type: ignore[arg-type]
+    at = np.array([-5.0, 0.0, 4.0, 10.0, 15.0])
+    np.testing.assert_allclose(held.bending(at)[:, 0], np.sin([0.0, 0.0, 4.0, 10.0, 10.0]), atol=1e-6)
+    np.testing.assert_allclose(held.bending(at, 1)[:, 1], [0.0, 1.0, 1.0, 1.0, 0.0], atol=1e-6)
 
 
 def test_several_effects_come_out_together(clean) -> None:

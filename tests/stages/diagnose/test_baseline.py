@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -12,10 +14,11 @@ from schemas.products import FlexureModel
 from stages.diagnose import columns, instability
 from stages.diagnose.baseline import Baseline, _sober, extended
 from stages.diagnose.candidate import FLOOR_NATS
-from stages.diagnose.ceiling import FAMILIES, families
+from stages.diagnose.ceiling import FAMILIES, SWINGING, families
 from stages.diagnose.evidence import held_out, solve
 from stages.diagnose.judgement import LEFT_NATS
 from stages.diagnose.latency import main_column, main_match
+from stages.diagnose.levels import _highest
 from stages.diagnose.regressors import error_periods, regressors, view_of
 from stages.diagnose.selection import MEAN
 from tests.stages.diagnose.simulated import baseline_of, log, without_aids
@@ -69,6 +72,27 @@ def test_no_effect_and_no_generic_family_gains_on_a_log_without_a_gap(bare: Base
     told = families(bare, view, found.gram, found.columns, kept, bare.whitened.values)
     assert len(told) == len(FAMILIES) + 1  # and the clock that swings, whose period is sought in the log
     assert sum(family.gain.sum() for family in told[:1]) < LEFT_NATS
+
+
+def test_a_clock_that_swings_is_seen_by_the_family_of_its_period() -> None:
+    trial = log()
+    t = trial.seconds(trial.sub.stamp)
+    late = np.rint(4e5 * np.sin(2.0 * np.pi * t / 70.0)).astype(np.int64)  # ns; no harmonic of the record has 70 s
+    swung = baseline_of(replace(trial, sub=replace(trial.sub, stamp=trial.sub.stamp + late)))
+    found = regressors(swung, view_of(swung), ["time_delay"])
+    kept = list(range(len(found.nuisances)))
+    told = families(swung, view_of(swung), found.gram, found.columns, kept, swung.whitened.values)
+    assert told[0].name == SWINGING
+    assert told[0].gain.sum() > 4.0 * LEFT_NATS
+    assert told[0].gain.sum() > 4.0 * told[1].gain.sum()
+
+
+def test_the_best_factor_is_the_top_of_a_parabola_or_else_the_best_that_was_tried() -> None:
+    x = np.log([0.5, 1.0, 2.0])
+    y = np.stack([-((x - 0.2) ** 2), 3.0 * x, -3.0 * x, np.zeros(3)], axis=1)
+    np.testing.assert_allclose(_highest(x, y), [0.2, x[2], x[0], x[0]], atol=1e-12)
+    wide = np.log([0.05, 1.0, 20.0])  # too far apart for a parabola
+    np.testing.assert_array_equal(_highest(wide, -((wide - 1.0) ** 2)[:, None]), [0.0])
 
 
 def test_what_the_log_lacks_is_untestable_and_said_so() -> None:

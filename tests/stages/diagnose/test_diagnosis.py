@@ -18,7 +18,7 @@ from schemas.errors import DataError
 from schemas.trial import Trial
 from stages.diagnose import diagnose
 from stages.diagnose.diagnosis import _unstated
-from stages.diagnose.judgement import judged
+from stages.diagnose.judgement import judged, named_of
 from tests.stages.diagnose import simulated
 from tests.stages.diagnose.simulated import part, with_gap, without_aids
 from twin import effects, parse_twin, with_run
@@ -212,6 +212,14 @@ def test_a_rate_that_is_not_the_twins_is_refused_in_a_sentence() -> None:
     slow = TWIN.model_copy(update={"run": TWIN.run.model_copy(update={"rate": 50.0})})
     with pytest.raises(DataError, match="runs at 50 Hz, the main IMU of the log at 100 Hz"):
         diagnose(log(), slow, shrink=False)
+
+
+def test_what_stamps_and_values_show_stays_named_where_the_rest_may_not_be() -> None:
+    clipped, bent = (Finding(name, 50.0, {}) for name in ("gyro_saturation", "thermal_bending"))
+    doubted = judged(100.0, 60.0, 9.0, True)
+    assert named_of(doubted, (clipped, bent), (clipped,)) == (Verdict.PARTLY_EXPLAINED, (clipped,))
+    assert named_of(doubted, (bent,), ()) == (Verdict.UNKNOWN_EFFECT, ())
+    assert named_of(judged(100.0, 0.0, 0.0, True), (clipped, bent), (clipped,)) == (Verdict.EXPLAINED, (clipped, bent))
 
 
 @pytest.mark.parametrize(
