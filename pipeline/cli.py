@@ -274,7 +274,7 @@ def view(
 
     check_inputs(file, rig)
     with console.progress_bar() as progress:
-        open_viewer(file, RunOptions(rig=rig), web=web, progress=progress)
+        open_viewer(file, RunOptions(rig=rig), console.display, web=web, progress=progress)
 
 
 @app.command(epilog="Example: deckflex version")
