@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline import experiments
+from pipeline import experiments, reproduction_page
 from pipeline.files import check_target, check_targets, staged, writing
 from pipeline.one_log import Progress, Steps
 from pipeline.provenance import deckflex_version
+from pipeline.reproduced import Outcome, Sample
 from schemas.errors import DataError
-from schemas.experiment import Experiment, Figure, Figures, Panel, Part, Printed, Row, Values
+from schemas.experiment import Experiment, Figure, Panel, Row, Values
 
 if TYPE_CHECKING:
     import polars as pl
@@ -25,56 +25,6 @@ LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "mealpy", "PyWavelets")
 SUFFIXES = {"table": ".parquet", "text": ".md", "recording": ".rrd"}
 ALL = "all"
 _TEXTS = ("case", "method", "quantity", "unit", "note")
-
-
-@dataclass(frozen=True)
-class Sample:
-    """One measured row with the part of the experiment and the seed it comes from."""
-
-    part: str
-    seed: int
-    row: Row
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What an experiment gave. panels: of the first seed. versions: of everything whose version moves a figure."""
-
-    experiment: Experiment
-    samples: tuple[Sample, ...]
-    panels: tuple[Panel, ...]
-    versions: Mapping[str, str]
-
-    @property
-    def figures(self) -> tuple[Figure, ...]:
-        """Means and spreads in the order the rows were measured."""
-        groups: dict[tuple[str, str, str, str], list[Row]] = {}
-        for sample in self.samples:
-            row = sample.row
-            groups.setdefault((sample.part, row.case, row.method, row.quantity), []).append(row)
-        return tuple(_figure(self.experiment, part, rows) for (part, *_), rows in groups.items())
-
-    def of_part(self, part: Part) -> tuple[Figure, ...]:
-        """The figures of one part."""
-        return tuple(figure for figure in self.figures if figure.part == part.title)
-
-    @property
-    def seeds(self) -> tuple[int, ...]:
-        """All seeds that were run."""
-        return tuple(sorted({sample.seed for sample in self.samples}))
-
-    def verdicts(self) -> tuple[tuple[str, bool, str], ...]:
-        """Each claim of the experiment, whether the figures show it, and which."""
-        known = named(self.figures)
-        return tuple((check.claim, *check.verdict(known)) for check in self.experiment.checks)
-
-
-def named(figures: Iterable[Figure]) -> Figures:
-    """Figures by case, method and quantity; where two parts share a name, the first one's."""
-    found: dict[tuple[str, str, str], Figure] = {}
-    for figure in figures:
-        found.setdefault((figure.case, figure.method, figure.quantity), figure)
-    return found
 
 
 def versions() -> dict[str, str]:
@@ -101,26 +51,6 @@ def measure(experiment: Experiment, seeds: int, progress: Progress | None = None
     return Outcome(experiment, tuple(samples), panels, versions())
 
 
-def _figure(experiment: Experiment, part: str, rows: Sequence[Row]) -> Figure:
-    first = rows[0]
-    values = np.array([row.value for row in rows], dtype=float)
-    spread = values.std(axis=0, ddof=1) if len(rows) > 1 else np.full(values.shape[1], np.nan)
-    beside = [_beside(printed, first) for printed in (experiment.printed, experiment.limits)]
-    return Figure(
-        part, first.case, first.method, first.quantity, first.unit, _values(values.mean(axis=0)), _values(spread),
-        len(rows), first.note, *beside,
-    )  # fmt: skip
-
-
-def _values(array: np.ndarray) -> Values:
-    return tuple(float(value) for value in array)
-
-
-def _beside(printed: Iterable[Printed], row: Row) -> Printed | None:
-    key = (row.case, row.method, row.quantity)
-    return next((p for p in printed if (p.case, p.method, p.quantity) == key), None)
-
-
 def targets(experiment: Experiment, directory: Path) -> list[Path]:
     """Table, text and recording of an experiment."""
     return [directory / f"{experiment.name}{suffix}" for suffix in SUFFIXES.values()]
@@ -138,10 +68,9 @@ def check_directory(directory: Path, experiments: Sequence[Experiment], page: Pa
 
 def write(outcome: Outcome, directory: Path, *, recorded: bool = True) -> dict[str, str]:
     """Table, text and recording, all of them or none; recorded False: the text alone. Returns the paths by kind."""
-    from pipeline.reproduction_page import experiment_text
     from stages.publish.recording.reproduction import write_reproduction
 
-    name, said = outcome.experiment.name, experiment_text(outcome)
+    name, said = outcome.experiment.name, reproduction_page.experiment_text(outcome)
     writers: dict[str, Callable[[Path], object]] = {
         "text": lambda path: path.write_text(said, encoding="utf-8"),
         "table": lambda path: frame(outcome).write_parquet(path, metadata=dict(outcome.versions)),
@@ -245,9 +174,7 @@ def default_page(directory: Path) -> Path:
 
 
 def _write_page(outcomes: Sequence[Outcome], target: Path) -> dict[str, str]:
-    from pipeline.reproduction_page import page
-
-    said = page(outcomes)
+    said = reproduction_page.page(outcomes)
     with staged([target]) as (path,), writing(target, path):
         path.write_text(said, encoding="utf-8")
     return {"page": str(target)}

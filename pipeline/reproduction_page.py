@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.experiments.bench import AXES
 from pipeline.experiments.claims import shown
-from pipeline.reproducing import Outcome, named
+from pipeline.reproduced import Outcome, named
 from schemas.experiment import Figure, Part, Values
 from stages.publish.document import table
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from rich.table import Table
 
 from pipeline.experiments.claims import shown
-from pipeline.reproducing import Outcome
+from pipeline.reproduced import Outcome
 from pipeline.tables import plain_table
 from schemas.experiment import Figure, Part
 

@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 
 from pipeline import experiments, reproducing
+from pipeline.reproduced import named
 from pipeline.reproduction_page import experiment_text, page
 from pipeline.reproduction_printing import reproduction_report
 from schemas.errors import DataError
@@ -19,14 +20,14 @@ def outcome():
 
 
 def test_means_and_spreads_are_over_the_seeds(outcome):
-    figure = reproducing.named(outcome.figures)["", "published", "RMSE"]
+    figure = named(outcome.figures)["", "published", "RMSE"]
     assert figure.mean == pytest.approx((2.0, 4.0, 6.0))
     assert figure.spread == pytest.approx((1.0, 2.0, 3.0))
     assert (figure.n, figure.unit, figure.part) == (3, "arcmin", "Main")
 
 
 def test_printed_figures_and_limits_stand_beside_their_own_row_alone(outcome):
-    figures = reproducing.named(outcome.figures)
+    figures = named(outcome.figures)
     assert figures["", "published", "RMSE"].printed.where == "Fig. 1"
     assert figures["", "published", "RMSE"].limit is None
     assert figures["", "smoother", "RMSE"].limit.value == (0.25, 0.25, 0.25)
