@@ -122,7 +122,7 @@ def _angles(s: dict[str, Any]) -> str:
 
 def _scores(s: dict[str, Any]) -> str:
     if not s["details"]["scores"]:
-        return "### Score\n\nNo reference in the log."
+        return "### Score\n\nNo reference in the log that could be used."
     rows = []
     for score in s["details"]["scores"]:
         name = NAMES[score["reference"]]
@@ -160,7 +160,8 @@ def _deck(s: dict[str, Any]) -> str:
 
 
 def _provenance(s: dict[str, Any]) -> str:
-    rows = [[key, plain_markdown(str(value))] for key, value in s["details"]["provenance"].items()]
+    stated = s["details"]["provenance"].items()
+    rows = [[key, plain_markdown(str(value))] for key, value in stated if value not in ("", None)]
     return "### Provenance\n\n" + table(["", ""], rows) if rows else ""
 
 

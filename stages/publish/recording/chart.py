@@ -136,7 +136,7 @@ def _log_frame(rec: rr.RecordingStream, entity: str, chart: Chart) -> None:
     below, beside = [(x, base - 0.5) for x in xs], [(low - 6.0, y - 2.5) for y in ys]
     write_texts(rec, f"{entity}/ticks_x", below, [chart.x.text(t) for t in chart.x.ticks()])
     write_texts(rec, f"{entity}/ticks_y", beside, [chart.y.text(t) for t in chart.y.ticks()])
-    name = (WIDTH - 0.5 * right, base - 0.5) if chart.low else (0.5 * (low + high), chart.height - 6.5)
+    name = (WIDTH - 0.4 * right, base - 0.5) if chart.low else (0.5 * (low + high), chart.height - 6.5)
     labels = [name, (low + 0.5 * len(chart.y.label), 0.5)]
     write_texts(rec, f"{entity}/labels", labels, [chart.x.label, chart.y.label])
 
