@@ -19,7 +19,7 @@ RIGHT = 18.0
 ROW = 7.0
 FOOT = 14.0
 HALF_BAR = 1.7
-NOTE, LETTER = 12.0, 1.2  # room of a note, half of that of a letter
+LETTER = 1.2  # half the room of a letter beside a bar
 BACKGROUND: Colour = (22, 22, 26)
 STOPS = np.array([(34, 36, 46), (60, 80, 150), (90, 190, 170), (240, 210, 80), (220, 50, 40)], dtype=float)
 TOP_PIXELS = 12  # left free above a map
@@ -68,7 +68,7 @@ def log_bars(
     _log_whiskers(rec, entity, axis, rows, middles)
     write_texts(rec, f"{entity}/names", [(0.5 * NAMES, y - 2.0) for y in middles], [row.name for row in rows])
     notes = [(row, _right(axis, row), y) for row, y in zip(rows, middles) if row.note]
-    beside = [(x + 2.0 + LETTER * max(len(row.note), 4), y - 2.0) for row, x, y in notes]
+    beside = [(x + 2.0 + 0.5 * _room(row), y - 2.0) for row, x, y in notes]
     write_texts(rec, f"{entity}/notes", beside, [row.note for row, _, _ in notes])
 
 
@@ -100,7 +100,12 @@ def _right(axis: Axis, row: Row) -> float:
     """Where the bar ends, its whisker too, and a mark that its note would cover."""
     end = max(_at(axis, row.value + (row.error or 0.0)), _at(axis, 0.0))
     mark = end if row.mark is None else _at(axis, row.mark)
-    return mark if 0.0 < mark - end < NOTE else end
+    return mark if 0.0 < mark - end < 2.0 + _room(row) else end
+
+
+def _room(row: Row) -> float:
+    """Width of a row's note."""
+    return 2.0 * LETTER * max(len(row.note), 4)
 
 
 def _log_ruler(
