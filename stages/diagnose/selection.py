@@ -6,7 +6,7 @@ effect's columns stay in the regression with a flat prior: its parameters are wh
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 
@@ -137,13 +137,8 @@ def select(
     wandering: Wander | None = None
     thresholds: dict[str, float] = {}
     for _ in range(MOST + 1):
-        for _ in range(ROUNDS):
-            base, found, clean = about(picks, levels, wandering)
-            levels = base.levels
-            gram, taken = _frozen(found, picks)
-            picks = _refined(found, gram, picks, taken)
-            if _settled(picks):
-                break
+        base, found, clean, gram, picks = _converged(about, picks, levels, wandering)
+        levels = base.levels
         thresholds = _thresholds(found, gram, picks, rng)
         scored = _scored(found, gram, picks)
         moved = _wander(base, found, picks) if instability.NAME in library and wandering is None else None
@@ -162,10 +157,23 @@ def select(
     while weakest := _unworthy(chosen):
         picks = tuple(pick for pick in chosen.picks if pick.group.effect != weakest)
         wandering = None if weakest == instability.NAME else chosen.wandering
-        base, found, clean = about(picks, chosen.base.levels, wandering)
-        gram, taken = _frozen(found, picks)
-        chosen = _finished(_refined(found, gram, picks, taken), base, found, clean, alone, thresholds, wandering)
+        base, found, clean, _, picks = _converged(about, picks, chosen.base.levels, wandering)
+        chosen = _finished(picks, base, found, clean, alone, thresholds, wandering)
     return chosen
+
+
+def _converged(
+    about: Callable[..., tuple[Baseline, Regressors, Trial]], picks: tuple[Pick, ...], levels: Levels | None,
+    wandering: Wander | None,
+) -> tuple[Baseline, Regressors, Trial, Gram, tuple[Pick, ...]]:  # fmt: skip
+    """Baseline, regressors, clean log, Gram and picks, linearised about the picks until they stay where they are."""
+    for _ in range(ROUNDS):
+        base, found, clean = about(picks, levels, wandering)
+        gram, taken = _frozen(found, picks)
+        picks, levels = _refined(found, gram, picks, taken), base.levels
+        if _settled(picks):
+            break
+    return base, found, clean, gram, picks
 
 
 def _settled(picks: Sequence[Pick]) -> bool:
