@@ -169,7 +169,8 @@ def test_a_wandering_bias_is_found_with_its_size_and_time_constant() -> None:
     assert found.evidence > 100.0
     assert abs(found.std - 2.0) < 3.0 * found.std_error
     assert abs(found.tau - 40.0) < 3.0 * found.tau_error
-    assert found.std_error < 0.5 * found.std  # eight correlation times, the mean free
+    # Eight correlation times, the mean free: size and time constant trade, what is left of them apart is a factor.
+    assert found.std_error < 0.6 * found.std
 
 
 def test_no_bias_wanders_where_none_does(bare: Baseline) -> None:
