@@ -19,6 +19,7 @@ from schemas.errors import DataError
 from schemas.products import Alignment, BoolArray
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial
+from stages.motion import likely, main_noise
 from stages.unfit import unfit
 
 STEP_S = 0.2  # s: z is free of noise at each instant, so a few hertz carry all there is
@@ -86,7 +87,9 @@ class Observations:
     rad/s, mean. rate_m: (N, 3) rad/s of the main IMU at the ends. force_i: (N, 3) m/s^2, mean specific force of
     the sub in i; force_m: (N, 3), of the main IMU in m. centred: (N,) s from the middle. dulled: the sub-IMU was
     interpolated between its samples, which dulls what is fast. What multiplies the delay
-    comes from the main IMU, because the sub's own flexure would correlate with it.
+    comes from the main IMU, because the sub's own flexure would correlate with it. main_noise: rad^2/s of the main gyro
+    and its standard error. motion: (N, 3) rad/s, omega less its likely noise, which is not in rate_m either: both
+    multiply what is unknown (:mod:`stages.motion`).
     """
 
     t: FloatArray
@@ -103,10 +106,12 @@ class Observations:
     A_end: FloatArray
     A_mid: FloatArray
     omega: FloatArray
+    motion: FloatArray
     rate_m: FloatArray
     force_i: FloatArray
     force_m: FloatArray
     centred: FloatArray
+    main_noise: tuple[float, float]
     dulled: bool = False
 
     @property
@@ -326,15 +331,16 @@ def _per_step(
     z = (Y * Rotation.from_matrix(at.R_ref).inv()).as_rotvec()
     z[bad[index]] = np.nan
     jump_s, gap_end = _jumps(t, bad, index)
+    noise = main_noise(t, main.attitude, sub.attitude, ~bad)
+    motion, rate_m = _motion(omega, _rates_at(main, index), t, index, noise[0])
     force_i = np.zeros((len(index), 3))
     force_i[1:] = np.diff(sub.velocity[index], axis=0) / dt[1:, None]
     force_m = np.zeros((len(index), 3))
     force_m[1:] = np.einsum("kji,kj->ki", A_mid[1:], np.diff(main.velocity[index], axis=0) / dt[1:, None])
     return Observations(
         t=t, good=~bad, main=main, sub=sub, index=index, dt=dt, jump_s=jump_s, gap_end=gap_end, z=z, u=u,
-        A_start=np.concatenate([A_end[:1], A_end[:-1]]), A_end=A_end, A_mid=A_mid, omega=omega,
-        rate_m=_rates_at(main, index), force_i=force_i, force_m=force_m,
-        centred=t[index] - 0.5 * (t[0] + t[-1]),
+        A_start=np.concatenate([A_end[:1], A_end[:-1]]), A_end=A_end, A_mid=A_mid, omega=omega, motion=motion,
+        rate_m=rate_m, force_i=force_i, force_m=force_m, centred=t[index] - 0.5 * (t[0] + t[-1]), main_noise=noise,
     )  # fmt: skip
 
 
@@ -354,6 +360,15 @@ def _mean_rates(gyro: FloatArray, t: FloatArray, index: IntArray) -> FloatArray:
     omega = np.zeros((len(index), 3))
     omega[1:] = np.add.reduceat(angle[: index[-1]], index[:-1]) / np.diff(t[index])[:, None]
     return omega
+
+
+def _motion(
+    omega: FloatArray, rate: FloatArray, t: FloatArray, index: IntArray, noise: float
+) -> tuple[FloatArray, FloatArray]:
+    """What is likely behind mean rates over the steps (the first has none) and rates at their ends, (N, 3) each."""
+    step, T = (float(np.median(np.diff(x))) for x in (t[index], t))
+    motion = np.concatenate([omega[:1], likely(omega[1:], noise / step, step)])
+    return motion, likely(rate, noise / (2.0 * T), step)
 
 
 def _rates_at(path: matching.Strapdown, index: IntArray) -> FloatArray:

@@ -14,13 +14,10 @@ from stages.diagnose.columns import lever_velocity
 from stages.diagnose.evidence import solve
 from stages.diagnose.nuisances import Nuisance
 from stages.diagnose.whitening import Core, Levels, PhinsMatch, Whitened
+from stages.estimate.model import PER_STEP
 from stages.paired import Linearisation, Observations
 
 PILOT_S = 400.0  # of record on which noise is found
-PER_STEP = (
-    "index", "dt", "jump_s", "gap_end", "z", "u", "A_start", "A_end", "A_mid", "omega", "rate_m", "force_i", "force_m",
-    "centred",
-)  # fmt: skip
 FACTORS = ((0.05, 20.0), (0.2, 5.0), (0.45, 2.2), (0.8, 1.25))  # tried on each noise level, round by round
 ANEW = ((0.7, 1.4),)  # of a log that changed a little
 PARABOLA = 2.5  # factor up to which a log-likelihood is one in the logarithm of a level

@@ -7,8 +7,8 @@ to step, in m-axes, is stationary and has the spectrum
     S(w) = a^2 dt (1 - c / 6) + v^2 c + (j / dt)^2 c^2 + g^2 |B|^2 c / dt,    c = 2 - 2 cos(w dt)
 
 with a (m/s)/sqrt(s), v m/s, j m as in :class:`stages.estimate.model.Noise`; c / 6 because u is a mean over the step.
-The gyros' noise g comes in through flexure. What else is slow, the tilt that the smoothed drift misses and errors of
-the model at wave frequencies among it, counts as the accelerometers' noise: it must not be trusted either.
+The sub gyro's noise g comes in through flexure. What else is slow, the tilt that the smoothed drift misses and errors
+of the model at wave frequencies among it, counts as the accelerometers' noise: it must not be trusted either.
 a, v and j follow by maximum Whittle likelihood, S being linear in their squares.
 """
 
@@ -47,7 +47,7 @@ def fitted(
     if spectrum is None:
         return noise
     c = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(FIRST, FIRST + len(spectrum)) / SEGMENT)
-    gyros = np.sum(coupling**2 * noise.gyro**2, axis=1)
+    gyros = (1.0 - m.main_share(obs, noise)) * np.sum(coupling**2 * noise.gyro**2, axis=1)
     parts = np.stack([dt * (1.0 - c / 6.0), c, c**2 / dt**2], axis=1)
     known = c[:, None] * gyros / dt
     squares = np.array([most_likely(spectrum[:, i], parts, known[:, i]) for i in range(3)])

@@ -19,8 +19,11 @@ States (rad, m, s; m-axes unless said)::
                     which the lever arm lags flexure      frequency, and what is missing is displacement, not velocity
     M               errors of the gyro difference's scale constant, (3, 3) row-major
     M main          those of the main gyro alone          constant: they reach u through omega x r
-    step of d       change of d within the step           restarted at each step: zeta's change holds it,
-                                                          theta's does not
+    bias main       bias of the main gyro alone           constant; it reaches u, and V by turning the lever arm's
+                                                          velocity: V' = -A_m (bias x (omega x r))
+    step of d       change of d within the step, less     restarted at each step: zeta's change holds it, theta's
+                    the main gyro's noise                 does not. The main gyro's noise is in omega too, and u
+                                                          takes both: it cancels
     step of V       by how much V's end exceeds its mean  restarted at each step: u is a mean, and V's noise a walk
                     over the step, of its noise alone
 
@@ -51,16 +54,17 @@ from stages.paired import CARRIED_GAP_S, Observations
 # In the order that leaves least to do: what moves, then what moves it, then what is only measured.
 V, STEP_V, JITTER, JITTER_BEFORE, STEP_D, ZETA, THETA_DOT, PHI, D = 0, 3, 6, 9, 12, 15, 18, 21, 24
 EPS, PHI_DOT, DELAY, DRIFT, M, NABLA = 27, 30, 33, 34, 35, 44
-R, B, KAPPA, M_MAIN = 47, 50, 59, 62
-SIZE = 71
-ROW = 41  # entries of a row of H, at most
+BIAS_MAIN, R, B, KAPPA, M_MAIN = 47, 50, 53, 62, 65
+SIZE = 74
+ROW = 44  # entries of a row of H, at most
 GYRO_STATES = np.arange(ZETA, NABLA)  # what the attitudes alone can see
 PIECE = 20_000  # steps whose model is held in memory at a time: a quarter of a gigabyte
 LEAD = 2  # steps: the first ones of a model do not know what was before them, and take no velocity
 PER_STEP = (
-    "index", "dt", "jump_s", "gap_end", "z", "u", "A_start", "A_end", "A_mid", "omega", "rate_m", "force_i", "force_m",
-    "centred",
+    "index", "dt", "jump_s", "gap_end", "z", "u", "A_start", "A_end", "A_mid", "omega", "motion", "rate_m", "force_i",
+    "force_m", "centred",
 )  # fmt: skip
+KNOWN_SHARE = 1.0 / 12.0  # variance of a share, from none to all, of which nothing is known
 GAP_ANGLE = 5e-3  # rad, one sigma of a gap of 1 s and more
 GAP_JERK = 0.02  # rad/s^3: what a straight line misses of a lively ship's rate in a short gap
 Z_NOISE = 1e-7  # rad (0.0004 arcmin): rounding, interpolation and linearisation of z
@@ -103,7 +107,7 @@ class Noise:
 
 def build(obs: Observations, noise: Noise, coupling: FloatArray, x0: FloatArray) -> SparseModel:
     """The sparse model for :mod:`physics.kalman`; coupling: (3, 3) B linearised about, x0: (SIZE,) prior mean."""
-    transition = _transition(obs, noise)
+    transition = _transition(obs, noise, coupling)
     process = _process(obs, noise)
     columns, rows, z, variance = _measurements(obs, noise, coupling)
     rows_e, cols_e, E = transition
@@ -164,6 +168,10 @@ def _prior(obs: Observations, noise: Noise) -> FloatArray:
     P = np.diag(_sigma(noise) ** 2)
     for first in (PHI, D):  # m- and i-axes are the same at the start
         P[first : first + 3, first : first + 3] += noise.angle_open
+    # eps holds the main gyro's bias with the other sign; the coarser unit has the larger one.
+    main = main_share(obs, noise) * noise.gyro_bias_prior**2 * np.eye(3)
+    P[BIAS_MAIN : BIAS_MAIN + 3, BIAS_MAIN : BIAS_MAIN + 3] = main
+    P[BIAS_MAIN : BIAS_MAIN + 3, EPS : EPS + 3] = P[EPS : EPS + 3, BIAS_MAIN : BIAS_MAIN + 3] = -main
     T = zeta_map(obs)  # from theta in the first place to zeta
     return np.asarray(T @ P @ T.T)
 
@@ -210,19 +218,20 @@ def _flexure_steps(obs: Observations, noise: Noise, axis: int) -> tuple[FloatArr
     return F[which], Q[which]
 
 
-def _transition(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, FloatArray]:
+def _transition(obs: Observations, noise: Noise, coupling: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
     E = _Pattern(len(obs.dt))
     _flexure_rows(E, obs, noise)
     if noise.quasi_static > 0.0:
         for axis in range(3):
             E.add(PHI + axis, PHI_DOT + axis, obs.dt)
     E.block(D, EPS, obs.A_integral)
-    _scale_rows(E, D, obs.A_integral, obs.omega)
+    _scale_rows(E, D, obs.A_integral, obs.motion)
     if noise.use_velocity:
         E.block(V, D, -skew(obs.force_i) * obs.dt[:, None, None])
         E.block(V, NABLA, obs.A_integral)
+        E.block(V, BIAS_MAIN, obs.A_integral @ _lever_velocity(obs, coupling))
         E.block(STEP_D, EPS, obs.A_integral)
-        _scale_rows(E, STEP_D, obs.A_integral, obs.omega)
+        _scale_rows(E, STEP_D, obs.A_integral, obs.motion)
         for axis in range(3):
             E.add(STEP_D + axis, STEP_D + axis, -1.0)
             E.add(STEP_V + axis, STEP_V + axis, -1.0)
@@ -231,6 +240,18 @@ def _transition(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, Fl
             E.add(JITTER_BEFORE + axis, JITTER_BEFORE + axis, -1.0)
             E.add(JITTER_BEFORE + axis, JITTER + axis, 1.0)
     return E.arrays()
+
+
+def _lever_velocity(obs: Observations, coupling: FloatArray) -> FloatArray:
+    """(N, 3, 3) m/s, cross-product matrix of the velocity omega x r of a lever arm whose coupling is -[r x]."""
+    return skew(obs.motion @ coupling.T)
+
+
+def main_share(obs: Observations, noise: Noise) -> float:
+    """The main unit's part of the variance of both gyros' noise; a half as far as the record does not tell."""
+    part, std = np.array(obs.main_noise) / np.mean(noise.gyro**2)
+    weight = KNOWN_SHARE / (KNOWN_SHARE + std**2)
+    return float(np.clip(weight * part + (1.0 - weight) * 0.5, 0.0, 1.0))
 
 
 def _flexure_rows(E: _Pattern, obs: Observations, noise: Noise) -> None:
@@ -255,7 +276,7 @@ def _flexure_rows(E: _Pattern, obs: Observations, noise: Noise) -> None:
         if noise.quasi_static > 0.0:
             E.add(ZETA + axis, PHI_DOT + axis, obs.dt)
     E.block(ZETA, EPS, on_eps)
-    _scale_rows(E, ZETA, on_eps, obs.omega)
+    _scale_rows(E, ZETA, on_eps, obs.motion)
 
 
 def _scale_rows(E: _Pattern, first: int, on_eps: FloatArray, omega: FloatArray) -> None:
@@ -270,9 +291,10 @@ def _process(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, Float
     Q = _Pattern(len(obs.dt))
     extra = _gap_variance(obs.jump_s, noise)
     A_T = np.swapaxes(obs.A_end, 1, 2)
-    drift = np.einsum("kij,j,klj->kil", obs.A_mid, noise.gyro**2, obs.A_mid) * obs.dt[:, None, None]
-    drift = drift + extra[:, None, None] * np.eye(3)
-    seen = A_T @ drift
+    gyros = np.einsum("kij,j,klj->kil", obs.A_mid, noise.gyro**2, obs.A_mid) * obs.dt[:, None, None]
+    gap = extra[:, None, None] * np.eye(3)
+    drift, sub = gyros + gap, (1.0 - main_share(obs, noise)) * gyros + gap
+    seen, sub_seen = A_T @ drift, A_T @ sub
     shown = seen @ obs.A_end
     for axis in range(3):
         _, q = _flexure_steps(obs, noise, axis)
@@ -296,10 +318,10 @@ def _process(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, Float
                 Q.add(ZETA + axis, ZETA + other, shown[:, axis, other])
                 Q.add(D + axis, D + other, drift[:, axis, other])
             if noise.use_velocity:
-                Q.add(STEP_D + other, ZETA + axis, seen[:, axis, other])
-                Q.add(STEP_D + other, D + axis, drift[:, axis, other])
+                Q.add(STEP_D + other, ZETA + axis, sub_seen[:, axis, other])
+                Q.add(STEP_D + other, D + axis, sub[:, axis, other])
                 if other >= axis:
-                    Q.add(STEP_D + axis, STEP_D + other, drift[:, axis, other])
+                    Q.add(STEP_D + axis, STEP_D + other, sub[:, axis, other])
     return Q.arrays()
 
 
@@ -359,7 +381,8 @@ def _flexure_velocity(obs: Observations, coupling: FloatArray) -> FloatArray:
 def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, rows: FloatArray) -> None:
     A_mid_T = np.swapaxes(obs.A_mid, 1, 2)
     dt = np.maximum(obs.dt, 1e-9)[:, None, None]
-    turning = skew(obs.omega)
+    turning, motion = skew(obs.omega), skew(obs.motion)
+    on_main_bias = -coupling - 0.5 * dt * _lever_velocity(obs, coupling)
     on_step = -coupling @ np.swapaxes(obs.A_start, 1, 2) / dt
     A_change = np.swapaxes(obs.A_end - obs.A_start, 1, 2) / dt
     on_d = A_mid_T @ skew(obs.force_i) * (0.5 * dt) - coupling @ A_change - turning @ coupling @ A_mid_T
@@ -371,12 +394,13 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
             *range(V, V + 3), *range(D, D + 3), NABLA + i, *range(R, R + 3), DELAY, DRIFT,
             *range(B, B + 9), JITTER + i, JITTER_BEFORE + i, *range(KAPPA, KAPPA + 3),
             *range(STEP_D, STEP_D + 3), *range(M_MAIN, M_MAIN + 9), *range(STEP_V, STEP_V + 3),
+            *range(BIAS_MAIN, BIAS_MAIN + 3),
         ]  # fmt: skip
         row = rows[:, 3 + i]
         row[:, 0:3] = A_mid_T[:, i]
         row[:, 3:6] = on_d[:, i]
         row[:, 6] = -0.5 * obs.dt
-        row[:, 7:10] = turning[:, i]
+        row[:, 7:10] = motion[:, i]
         row[:, 10] = on_delay[:, i]
         row[:, 11] = on_delay[:, i] * obs.centred
         row[:, 12 + 3 * i : 15 + 3 * i] = theta_dot
@@ -386,5 +410,6 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
         # theta' is what zeta shows less what the gyros' errors, noise included, add to it within the step.
         row[:, 26:29] = on_step[:, i]
         for a in range(3):
-            row[:, 29 + 3 * a : 32 + 3 * a] = -coupling[i, a] * obs.omega
+            row[:, 29 + 3 * a : 32 + 3 * a] = -coupling[i, a] * obs.motion
         row[:, 38:41] = -A_mid_T[:, i]
+        row[:, 41:44] = on_main_bias[:, i]

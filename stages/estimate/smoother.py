@@ -138,12 +138,9 @@ def _unseen_delay(solution: Solution, alignment: Alignment) -> float:
 
 
 def _main_noise(solution: Solution) -> float:
-    """rad/sqrt(s), of the main gyro: what its own neighbouring samples show, at most what both units differ by."""
-    obs = solution.obs
-    turn = quaternions.log(quaternions.multiply(quaternions.conjugate(obs.main.attitude[:-1]), obs.main.attitude[1:]))
-    scatter = 1.4826 * np.median(np.abs(np.diff(turn, n=2, axis=0)), axis=0) / np.sqrt(6.0)
-    own = float(np.min(scatter) / np.sqrt(np.median(np.diff(obs.t))))
-    return min(own, float(np.median(solution.noise.gyro)))
+    """rad/sqrt(s), of the main gyro."""
+    share = m.main_share(solution.obs, solution.noise)
+    return float(np.sqrt(share) * np.median(solution.noise.gyro))
 
 
 def _inflation(solution: Solution) -> float:

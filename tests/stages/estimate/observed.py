@@ -13,13 +13,13 @@ from tests.stages.estimate.synthetic import World
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
-def paired_of(world: World, trial: Trial | None = None) -> Paired:
+def paired_of(world: World, trial: Trial | None = None, despike: bool = True) -> Paired:
     """Both units of the world's trial, or of another one of the same mounting."""
     rotation = Rotation.from_rotvec(world.static)
     static = Estimate(world.static, np.full(3, 1e-3))
     delay = Estimate(np.asarray(world.delay), np.asarray(1e-4))
     alignment = Alignment(rotation.as_matrix(), static, 1e-6 * np.eye(3), delay)
-    return pair(world.trial() if trial is None else trial, alignment)
+    return pair(world.trial() if trial is None else trial, alignment, despike)
 
 
 def true_linearisation(world: World, start: float, **changed) -> Linearisation:

@@ -36,7 +36,8 @@ def sines(t: np.ndarray, amplitude: np.ndarray, period: np.ndarray) -> np.ndarra
 
 @dataclass(frozen=True)
 class World:
-    """rad, m, s. static: Phi. bend: amplitude of theta. Errors are those of the sub-IMU, in its own axes."""
+    """rad, m, s. static: Phi. bend: amplitude of theta. Errors are those of the sub-IMU, in its own axes, where nothing
+    else is said."""
 
     static: np.ndarray = field(default_factory=lambda: np.array([0.02, -0.05, 0.1]))
     bend: np.ndarray = field(default_factory=lambda: np.array([1.5e-3, 1.2e-3, 2.0e-3]))
@@ -48,6 +49,7 @@ class World:
     delay: float = 0.0
     drift: float = 0.0
     gyro_bias: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    main_bias: np.ndarray = field(default_factory=lambda: np.zeros(3))
     scale: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     accel_bias: np.ndarray = field(default_factory=lambda: np.zeros(3))
     duration: float = 24.0
@@ -110,6 +112,8 @@ class World:
         accel = 0.5 * np.einsum("j,kji->ki", WEIGHTS, force) * np.diff(edges)[:, None] * rate
         if name == "sub":
             gyro, accel = gyro + gyro @ self.scale.T + self.gyro_bias, accel + self.accel_bias
+        else:
+            gyro = gyro + self.main_bias
         return ImuSeries(EPOCH + np.rint(stamp * 1e9).astype(np.int64), gyro, accel)
 
     def trial(self) -> Trial:

@@ -99,6 +99,43 @@ def test_gyro_bias(base) -> None:
     compare(base, replace(WORLD, gyro_bias=bias), state(EPS=eps), z_rel=3e-3, u_rel=0.015)
 
 
+def test_bias_that_both_gyros_share_is_seen_by_the_lever_arm_alone(base) -> None:
+    obs, at = base
+    bias = np.array([1e-5, -2e-5, 1.5e-5])
+    world = replace(WORLD, main_bias=bias, gyro_bias=Rotation.from_rotvec(WORLD.static).inv().apply(bias))
+    other = observe(paired_of(world), at)
+    # V begins at minus the velocity that the integrals do not know, and the bias turns the axes it is seen in.
+    start = -WORLD.main(obs.t[:1])[0].inv().apply(WORLD.velocity(obs.t[:1])[0])
+    shown = [measured(one, at.coupling)[:, 3:] - np.einsum("kji,j->ki", one.A_mid, start) for one in (other, obs)]
+    expected = predicted(obs, at.coupling, state(BIAS_MAIN=bias))[2:, 3:]
+    # Flexure turns the sub's bias by 0.1 degrees against the main one's: that is drift, and moves V by gravity.
+    assert np.abs((shown[0] - shown[1])[2:] - expected).max() < 0.15 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("unit", ["main", "sub"])
+def test_noise_of_either_gyro_reaches_the_velocity_through_its_own_door(base, unit: str) -> None:
+    """One step disturbed. The sub's error passes for flexure, which the step of d undoes; the main one's is in omega
+    and in flexure with opposite signs, and nothing has to be undone."""
+    obs, at = base
+    k, turn = 60, np.array([3e-8, -2e-8, 1e-8])
+    trial = WORLD.trial()
+    series = getattr(trial, unit)
+    gyro = series.gyro.copy()
+    in_m = Rotation.from_matrix(at.R_ref) if unit == "sub" else Rotation.identity()
+    inside = slice(*np.searchsorted(trial.seconds(series.stamp), obs.t[obs.index[[k - 1, k]]] + 1e-6))
+    gyro[inside] += in_m.inv().apply(turn) / obs.dt[k]
+    disturbed = replace(trial, **{unit: replace(series, gyro=gyro)})
+    obs, other = (observe(paired_of(WORLD, one, despike=False), at) for one in (trial, disturbed))
+    model = m.build(obs, NOISE, at.coupling, np.zeros(m.SIZE))
+    d = obs.A_mid[k] @ turn * (1.0 if unit == "sub" else -1.0)
+    x = state(D=d, STEP_D=d if unit == "sub" else np.zeros(3))
+    predicted_u = [model.measurement[k, 3 + i] @ x[model.measurement_col[3 + i]] for i in range(3)]
+    change = (measured(other, at.coupling) - measured(obs, at.coupling))[k]
+    np.testing.assert_allclose(change[:3], obs.A_end[k].T @ d, atol=1e-2 * np.linalg.norm(turn))
+    size = np.linalg.norm(np.cross(WORLD.lever, turn)) / obs.dt[k]
+    np.testing.assert_allclose(change[3:], predicted_u, atol=0.1 * size)
+
+
 def test_gyro_scale_and_nonorthogonality(base) -> None:
     M = 1e-6 * np.array([[1.0, -0.5, 0.3], [0.7, -1.2, 0.4], [-0.6, 0.9, 0.8]])
     R = Rotation.from_rotvec(WORLD.static).as_matrix()
@@ -238,6 +275,29 @@ def test_process_noise_of_the_gyros_is_the_same_in_d_and_in_what_the_attitudes_s
     np.testing.assert_allclose(Q[zeta, zeta] - flex, A.T @ Q[d, d] @ A, rtol=1e-6, atol=1e-15)
     np.testing.assert_allclose(Q[zeta, d], A.T @ Q[d, d], rtol=1e-9, atol=1e-15)
     assert np.linalg.eigvalsh(Q).min() > -1e-16
+
+
+def test_the_step_of_d_holds_the_sub_gyros_noise_alone(base) -> None:
+    obs, _ = base
+    noise = replace(NOISE, gyro=np.full(3, 1e-3))
+    model = m.build(replace(obs, main_noise=(0.8e-6, 1e-12)), noise, -np.eye(3), np.zeros(m.SIZE))
+    k = 37
+    Q = np.zeros((m.SIZE, m.SIZE))
+    np.add.at(Q, (model.noise_row, model.noise_col), model.noise[k])
+    Q = np.triu(Q) + np.triu(Q, 1).T
+    step, d, zeta = (slice(first, first + 3) for first in (m.STEP_D, m.D, m.ZETA))
+    np.testing.assert_allclose(Q[step, step], 0.2 * Q[d, d], rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(Q[step, d], 0.2 * Q[d, d], rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(Q[step, zeta], 0.2 * Q[d, zeta], rtol=1e-9, atol=1e-18)
+
+
+@pytest.mark.parametrize(
+    ("main_noise", "share"),
+    [((0.0, np.inf), 0.5), ((0.0, 1e3), 0.5), ((0.3, 1e-9), 0.3), ((2.0, 1e-9), 1.0), ((-0.1, 1e-9), 0.0)],
+)
+def test_share_of_the_main_gyro_is_what_the_record_tells_of_it(base, main_noise, share) -> None:
+    noise = replace(NOISE, gyro=np.ones(3))
+    assert m.main_share(replace(base[0], main_noise=main_noise), noise) == pytest.approx(share, abs=1e-6)
 
 
 def test_prior_of_what_the_attitudes_show_is_that_of_its_parts(base) -> None:

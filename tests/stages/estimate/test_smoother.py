@@ -269,3 +269,18 @@ def test_noise_of_coarse_gyros_is_not_taken_for_motion() -> None:
     assert run.predicted[2] > 600.0
     assert np.all(run.rmse[:2] < 120.0)
     honest(run)
+
+
+NEARLY_CALM = {"pitch": [[0.15, 8.0, 0.0]], "roll": [[0.1, 7.0, 1.0]], "heading": [[0.08, 9.0, 2.0]]}
+
+
+@pytest.mark.slow
+def test_a_coarse_main_gyro_in_a_nearly_calm_sea_makes_no_sigma_too_small() -> None:
+    """Its noise is a seventh of the motion. Taken for motion it would shorten the lever arm and turn the answer by
+    several sigma.
+    """
+    runs = [estimated(*simulated(twin_of("idam", 100.0, imu=MEMS, sea=NEARLY_CALM), seed)) for seed in range(6)]
+    squares = np.array([run.nees(1)[0] for run in runs])
+    assert squares.sum() < chi2.ppf(0.99, 3 * len(runs)), squares
+    lever = np.array([run.deformation.parameters["lever_arm"].value for run in runs])
+    np.testing.assert_allclose(lever.mean(axis=0), [10.0, 10.0, 2.0], atol=0.5)
