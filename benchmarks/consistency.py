@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -56,6 +56,11 @@ def beside_fibre(rng: np.random.Generator) -> Units:
     return {"main": {}, "sub": mems(rng)["sub"]}
 
 
+def beside_mems(rng: np.random.Generator) -> Units:
+    """The other way about."""
+    return {"main": mems(rng)["main"], "sub": {}}
+
+
 def gap(trial: Trial) -> Trial:
     """The sub-IMU is silent for 30 s."""
     t = trial.seconds(trial.sub.stamp)
@@ -79,19 +84,31 @@ def no_force(trial: Trial) -> Trial:
     return replace(trial, main=noisy(trial.main), sub=noisy(trial.sub))
 
 
+def sea(scale: float) -> dict[str, Any]:
+    """A swell of pitch, roll and heading, 5, 3 and 2 degrees at scale one."""
+    return {
+        axis: [[scale * degrees, period, phase]]
+        for axis, degrees, period, phase in (
+            ("pitch", 3.0, 7.0, 0.4), ("roll", 5.0, 8.0, 1.7), ("heading", 2.0, 9.0, 4.1),
+        )
+    }  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Case:
-    """A twin, its length (s) and rate (Hz), errors of its units and what is done to the trial."""
+    """A twin, its length (s) and rate (Hz), errors of its units, what is done to the trial, and another sea."""
 
     twin: str
     duration: float
     rate: float
     units: Callable[[np.random.Generator], Units] = PERFECT
     change: Change = lambda trial: trial
+    sea: dict[str, Any] = field(default_factory=dict)
 
     def run(self, seed: int) -> Run:
         """One trial through the stages."""
         values = twin_of(self.twin, self.duration, self.rate).model_dump()
+        values["sea"] |= self.sea
         for unit, errors in self.units(np.random.default_rng(9000 + seed)).items():
             values["imu"][unit] |= errors
         trial, truth = simulated(make_twin(values), seed)
@@ -112,6 +129,9 @@ CASES = {
     "MEMS pair 60 s": Case("idam", 60.0, 50.0, mems),
     "MEMS pair 100 s": Case("idam", 100.0, 50.0, mems),
     "MEMS pair 600 s": Case("idam", 600.0, 50.0, mems),
+    "MEMS pair 100 s, sea of half a degree": Case("idam", 100.0, 50.0, mems, sea=sea(0.1)),
+    "MEMS pair 100 s, sea of a sixth of a degree": Case("idam", 100.0, 50.0, mems, sea=sea(0.03)),
+    "MEMS and fibre 100 s": Case("idam", 100.0, 50.0, beside_mems, sea=sea(1.0)),
     "fibre and MEMS 600 s": Case("idam", 600.0, 50.0, beside_fibre),
     "idam 600 s, gyros only": Case("idam", 600.0, 25.0, change=no_force),
     "idam 600 s, gap of 30 s": Case("idam", 600.0, 25.0, change=gap),

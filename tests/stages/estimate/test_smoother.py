@@ -279,7 +279,7 @@ def test_a_coarse_main_gyro_in_a_nearly_calm_sea_makes_no_sigma_too_small() -> N
     """Its noise is a seventh of the motion. Taken for motion it would shorten the lever arm and turn the answer by
     several sigma.
     """
-    runs = [estimated(*simulated(twin_of("idam", 100.0, imu=MEMS, sea=NEARLY_CALM), seed)) for seed in range(6)]
+    runs = [estimated(*simulated(twin_of("idam", 100.0, imu=MEMS, sea=NEARLY_CALM), seed)) for seed in range(4)]
     squares = np.array([run.nees(1)[0] for run in runs])
     assert squares.sum() < chi2.ppf(0.99, 3 * len(runs)), squares
     lever = np.array([run.deformation.parameters["lever_arm"].value for run in runs])
