@@ -58,3 +58,11 @@ def likely(x: FloatArray, variance: float, step: float) -> FloatArray:
     power = uniform_filter1d(lines**2, width, axis=0, mode="nearest")
     share = np.clip(1.0 - variance / np.maximum(power, np.finfo(float).tiny), 0.0, 1.0)
     return np.asarray(mean + idct(share * lines, axis=0, norm="ortho"))
+
+
+def fast_level(x: FloatArray) -> float:
+    """Variance per sample of white noise that the fast quarter of the spectrum of x (N, c) shows.
+
+    Ships hardly move there. What does move counts as noise, and with it what is slower and smaller still.
+    """
+    return float(np.mean(dct(x - x.mean(axis=0), axis=0, norm="ortho")[3 * len(x) // 4 :] ** 2)) if len(x) > 1 else 0.0

@@ -19,7 +19,7 @@ from schemas.errors import DataError
 from schemas.products import Alignment, BoolArray
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial
-from stages.motion import likely, main_noise
+from stages.motion import fast_level, likely, main_noise
 from stages.unfit import unfit
 
 STEP_S = 0.2  # s: z is free of noise at each instant, so a few hertz carry all there is
@@ -85,11 +85,13 @@ class Observations:
     jump_s: (N,) s bridged within the step, gap_end: (N,) s, when the last of it ended. z: (N, 3) rad at the ends.
     u: (N, 3) m/s, mean over the step, NaN where it has gaps. A_start, A_end, A_mid: (N, 3, 3) of A_m. omega: (N, 3)
     rad/s, mean. rate_m: (N, 3) rad/s of the main IMU at the ends. force_i: (N, 3) m/s^2, mean specific force of
-    the sub in i; force_m: (N, 3), of the main IMU in m. centred: (N,) s from the middle. dulled: the sub-IMU was
+    the sub in i, and force_m: (N, 3), of the main IMU in m, both less the white noise of the step.
+    centred: (N,) s from the middle. dulled: the sub-IMU was
     interpolated between its samples, which dulls what is fast. What multiplies the delay
     comes from the main IMU, because the sub's own flexure would correlate with it. main_noise: rad^2/s of the main gyro
-    and its standard error. motion: (N, 3) rad/s, omega less its likely noise, which is not in rate_m either: both
-    multiply what is unknown (:mod:`stages.motion`).
+    and its standard error. motion, rate_motion: (N, 3) rad/s, omega and rate_m less their likely noise;
+    A_motion: (N, 3, 3), A_end without what that noise adds up to; bending: (N, 3) rad/s, mean rate of z over the step,
+    likewise. They multiply what is unknown (:mod:`stages.motion`).
     """
 
     t: FloatArray
@@ -107,7 +109,10 @@ class Observations:
     A_mid: FloatArray
     omega: FloatArray
     motion: FloatArray
+    A_motion: FloatArray
+    bending: FloatArray
     rate_m: FloatArray
+    rate_motion: FloatArray
     force_i: FloatArray
     force_m: FloatArray
     centred: FloatArray
@@ -332,15 +337,21 @@ def _per_step(
     z[bad[index]] = np.nan
     jump_s, gap_end = _jumps(t, bad, index)
     noise = main_noise(t, main.attitude, sub.attitude, ~bad)
-    motion, rate_m = _motion(omega, _rates_at(main, index), t, index, noise[0])
-    force_i = np.zeros((len(index), 3))
+    step = float(np.median(dt[1:]))
+    rate_m = _rates_at(main, index)
+    motion, rate_motion = _motion(omega, rate_m, t, index, noise[0])
+    force_i, force_m, bending = np.zeros((3, len(index), 3))
     force_i[1:] = np.diff(sub.velocity[index], axis=0) / dt[1:, None]
-    force_m = np.zeros((len(index), 3))
     force_m[1:] = np.einsum("kji,kj->ki", A_mid[1:], np.diff(main.velocity[index], axis=0) / dt[1:, None])
+    bending[1:] = np.nan_to_num(np.diff(z, axis=0) / dt[1:, None])
+    for x in (force_i, force_m, bending):
+        x[1:] = likely(x[1:], fast_level(x[1:]), step)
     return Observations(
         t=t, good=~bad, main=main, sub=sub, index=index, dt=dt, jump_s=jump_s, gap_end=gap_end, z=z, u=u,
         A_start=np.concatenate([A_end[:1], A_end[:-1]]), A_end=A_end, A_mid=A_mid, omega=omega, motion=motion,
-        rate_m=rate_m, force_i=force_i, force_m=force_m, centred=t[index] - 0.5 * (t[0] + t[-1]), main_noise=noise,
+        A_motion=_behind(motion, omega, A_mid, dt) @ A_end, bending=bending, rate_m=rate_m,
+        rate_motion=rate_motion, force_i=force_i, force_m=force_m, centred=t[index] - 0.5 * (t[0] + t[-1]),
+        main_noise=noise,
     )  # fmt: skip
 
 
@@ -369,6 +380,12 @@ def _motion(
     step, T = (float(np.median(np.diff(x))) for x in (t[index], t))
     motion = np.concatenate([omega[:1], likely(omega[1:], noise / step, step)])
     return motion, likely(rate, noise / (2.0 * T), step)
+
+
+def _behind(motion: FloatArray, omega: FloatArray, A_mid: FloatArray, dt: FloatArray) -> FloatArray:
+    """(N, 3, 3), i-axes: takes out of the attitudes what their rates hold beyond the likely motion."""
+    beyond = np.einsum("kij,kj->ki", A_mid, omega - motion) * dt[:, None]
+    return np.asarray(Rotation.from_rotvec(-np.cumsum(beyond, axis=0)).as_matrix())
 
 
 def _rates_at(path: matching.Strapdown, index: IntArray) -> FloatArray:

@@ -61,8 +61,8 @@ GYRO_STATES = np.arange(ZETA, NABLA)  # what the attitudes alone can see
 PIECE = 20_000  # steps whose model is held in memory at a time: a quarter of a gigabyte
 LEAD = 2  # steps: the first ones of a model do not know what was before them, and take no velocity
 PER_STEP = (
-    "index", "dt", "jump_s", "gap_end", "z", "u", "A_start", "A_end", "A_mid", "omega", "motion", "rate_m", "force_i",
-    "force_m", "centred",
+    "index", "dt", "jump_s", "gap_end", "z", "u", "A_start", "A_end", "A_mid", "omega", "motion", "A_motion", "bending",
+    "rate_m", "rate_motion", "force_i", "force_m", "centred",
 )  # fmt: skip
 KNOWN_SHARE = 1.0 / 12.0  # variance of a share, from none to all, of which nothing is known
 GAP_ANGLE = 5e-3  # rad, one sigma of a gap of 1 s and more
@@ -180,9 +180,9 @@ def zeta_map(obs: Observations) -> FloatArray:
     """(SIZE, SIZE) that turns a state with theta(t_0) in the first place into one with zeta(t_0)."""
     T = np.eye(SIZE)
     T[ZETA : ZETA + 3, PHI : PHI + 3] = np.eye(3)
-    T[ZETA : ZETA + 3, D : D + 3] = obs.A_end[0].T
-    T[ZETA : ZETA + 3, DELAY] = -obs.rate_m[0]
-    T[ZETA : ZETA + 3, DRIFT] = -obs.rate_m[0] * obs.centred[0]
+    T[ZETA : ZETA + 3, D : D + 3] = obs.A_motion[0].T
+    T[ZETA : ZETA + 3, DELAY] = -obs.rate_motion[0]
+    T[ZETA : ZETA + 3, DRIFT] = -obs.rate_motion[0] * obs.centred[0]
     return T
 
 
@@ -256,9 +256,9 @@ def main_share(obs: Observations, noise: Noise) -> float:
 
 def _flexure_rows(E: _Pattern, obs: Observations, noise: Noise) -> None:
     """zeta and theta': theta = zeta - Phi - A_m^T d + omega_s delay stepped on, and put back."""
-    A_T = np.swapaxes(obs.A_end, 1, 2)
+    A_T = np.swapaxes(obs.A_motion, 1, 2)
     before = np.concatenate([A_T[:1], A_T[:-1]])
-    rate = obs.rate_m
+    rate = obs.rate_motion
     rate_before = np.concatenate([rate[:1], rate[:-1]])
     centred_before = np.concatenate([obs.centred[:1], obs.centred[:-1]])
     on_eps = A_T @ obs.A_integral
@@ -290,12 +290,12 @@ def _scale_rows(E: _Pattern, first: int, on_eps: FloatArray, omega: FloatArray) 
 def _process(obs: Observations, noise: Noise) -> tuple[IntArray, IntArray, FloatArray]:
     Q = _Pattern(len(obs.dt))
     extra = _gap_variance(obs.jump_s, noise)
-    A_T = np.swapaxes(obs.A_end, 1, 2)
+    A_T = np.swapaxes(obs.A_motion, 1, 2)
     gyros = np.einsum("kij,j,klj->kil", obs.A_mid, noise.gyro**2, obs.A_mid) * obs.dt[:, None, None]
     gap = extra[:, None, None] * np.eye(3)
     drift, sub = gyros + gap, (1.0 - main_share(obs, noise)) * gyros + gap
     seen, sub_seen = A_T @ drift, A_T @ sub
-    shown = seen @ obs.A_end
+    shown = seen @ obs.A_motion
     for axis in range(3):
         _, q = _flexure_steps(obs, noise, axis)
         Q.add(ZETA + axis, ZETA + axis, q[:, 0, 0])
@@ -381,14 +381,15 @@ def _flexure_velocity(obs: Observations, coupling: FloatArray) -> FloatArray:
 def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, rows: FloatArray) -> None:
     A_mid_T = np.swapaxes(obs.A_mid, 1, 2)
     dt = np.maximum(obs.dt, 1e-9)[:, None, None]
-    turning, motion = skew(obs.omega), skew(obs.motion)
+    motion = skew(obs.motion)
     on_main_bias = -coupling - 0.5 * dt * _lever_velocity(obs, coupling)
     on_step = -coupling @ np.swapaxes(obs.A_start, 1, 2) / dt
-    A_change = np.swapaxes(obs.A_end - obs.A_start, 1, 2) / dt
-    on_d = A_mid_T @ skew(obs.force_i) * (0.5 * dt) - coupling @ A_change - turning @ coupling @ A_mid_T
+    A_change = np.swapaxes(obs.A_motion[1:] - obs.A_motion[:-1], 1, 2) / dt[1:]
+    on_d = A_mid_T @ skew(obs.force_i) * (0.5 * dt) - motion @ coupling @ A_mid_T
+    on_d[1:] -= coupling @ A_change
     # A delay shifts the sub's whole velocity; its share from turning and bending is what zeta's own shift predicts.
     on_delay = -obs.force_m
-    theta_dot, theta = (np.nan_to_num(x) for x in _flexure_rate(obs))
+    theta = np.nan_to_num(_flexure_rate(obs)[1])
     for i in range(3):
         columns[3 + i] = [
             *range(V, V + 3), *range(D, D + 3), NABLA + i, *range(R, R + 3), DELAY, DRIFT,
@@ -403,10 +404,10 @@ def _velocity_rows(obs: Observations, coupling: FloatArray, columns: IntArray, r
         row[:, 7:10] = motion[:, i]
         row[:, 10] = on_delay[:, i]
         row[:, 11] = on_delay[:, i] * obs.centred
-        row[:, 12 + 3 * i : 15 + 3 * i] = theta_dot
+        row[:, 12 + 3 * i : 15 + 3 * i] = obs.bending
         row[:, 21] = 1.0 / dt[:, 0, 0]
         row[:, 22] = -1.0 / dt[:, 0, 0]
-        row[:, 23:26] = (turning @ coupling)[:, i] * theta
+        row[:, 23:26] = (motion @ coupling)[:, i] * theta
         # theta' is what zeta shows less what the gyros' errors, noise included, add to it within the step.
         row[:, 26:29] = on_step[:, i]
         for a in range(3):
