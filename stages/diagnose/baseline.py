@@ -17,7 +17,7 @@ from physics.units import MICRO_G
 from schemas.products import Alignment, FlexureModel
 from schemas.rig import FloatArray
 from stages import identify
-from stages.diagnose import whitening
+from stages.diagnose import slow, whitening
 from stages.diagnose.columns import Response, lever_velocity
 from stages.diagnose.levels import ANEW, FACTORS, Tuner, residual
 from stages.diagnose.nuisances import (
@@ -32,11 +32,12 @@ from stages.diagnose.nuisances import (
     structure,
     tolerances,
 )
-from stages.diagnose.view import Believed, level
+from stages.diagnose.view import Believed, arw_of, level
 from stages.diagnose.whitening import AccelColour, Levels, PhinsMatch, Whitened
 from stages.estimate import tuning
 from stages.paired import Linearisation, Observations, Paired, observe, pair
 from twin.bending import quasi_static
+from twin.effects.heel_bending import LAG, lag
 
 COLOUR = 20.0 * MICRO_G  # where the search for the accelerometers' coloured noise begins
 COLOUR_TAU = 3.0  # s
@@ -88,11 +89,12 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     if not source.forces:
         source = level(source)
     paired = pair(source.trial, believed, despike=False)  # a step of the mounting is a spike of its gyro
-    flexure = _sober(tuning.separable(identify.get("whittle")().identify(recorded, believed)), source.flexure)
-    at = Linearisation.at(believed, source.lever_arm)
+    flexure = tuning.separable(identify.get("whittle")().identify(recorded, believed))
+    at = _centred(paired, Linearisation.at(believed, source.lever_arm))
     obs = _without_slow_bending(observe(paired, at), source, at.coupling)
     if not source.forces:
         obs = replace(obs, u=np.full_like(obs.u, np.nan))
+    flexure = _sober(flexure, source, obs)
     response = Response(obs, at.R_ref, at.coupling)
     own = (
         *slow_bending(source, response),
@@ -118,16 +120,34 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     )
 
 
-def _sober(found: FlexureModel, seen: FloatArray | None) -> FlexureModel:
-    """Slow bending passes for soft and wide flexure: about such an axis, what the spectra show without slow motion.
+def _centred(paired: Paired, at: Linearisation) -> Linearisation:
+    """With the sub's start turned so that z is zero on the average: what is left of its error is small to second order,
+    which over half an hour would else show as metres per second."""
+    obs = observe(paired, at)
+    lasting = np.nanmean(np.einsum("kij,kj->ki", obs.A_end, obs.z), axis=0)
+    return replace(at, R_0=exp(-lasting) @ at.R_0)
 
-    seen: (3, 3) damping, stiffness and std of the axes, one a row.
-    """
-    if seen is None:
+
+def _sober(found: FlexureModel, source: Believed, obs: Observations) -> FlexureModel:
+    """Slow bending passes for soft and wide flexure: where an axis seems softer and wider than spectra without slow
+    motion show it, all axes as they are beside whatever is slow."""
+    if source.flexure is None:
         return found
-    soft = (found.std > SOFT * seen[2]) & (found.stiffness < seen[1] / SOFT)
-    damping, stiffness, std = np.where(soft, seen, [found.damping, found.stiffness, found.std])
-    return replace(found, damping=damping, stiffness=stiffness, std=std)
+    _, stiffness, std = source.flexure
+    if not np.any((found.std > SOFT * std) & (found.stiffness < stiffness / SOFT)):
+        return found
+    seen = slow.angle(obs, found, source.twin.flexure, arw_of(source) ** 2)
+    heel = _with_heel(source, obs, seen)
+    return slow.sober(found, seen, heel)
+
+
+def _with_heel(source: Believed, obs: Observations, seen: slow.Angle) -> FloatArray:
+    """(n, 1) lagged lateral force, (n, 0) without accelerometers."""
+    if not source.forces:
+        return np.zeros((len(seen.t), 0))
+    t = obs.t[obs.index]
+    lagged = lag(np.nan_to_num(obs.force_m[:, 0]), float(np.median(np.diff(t))), LAG)
+    return np.interp(seen.t, t, lagged)[:, None]
 
 
 def _without_slow_bending(obs: Observations, source: Believed, coupling: FloatArray) -> Observations:

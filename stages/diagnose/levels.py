@@ -71,7 +71,7 @@ class Tuner:
         middle = 0.5 * (t[0] + t[-1])
         part = slice(*np.searchsorted(t, [middle - 0.5 * PILOT_S, middle + 0.5 * PILOT_S]))
         cut = {name: getattr(self.obs, name)[part] for name in PER_STEP}
-        match = self.match and PhinsMatch(self.match.q[part], self.match.C[part], self.match.count[part])
+        match = self.match and PhinsMatch(*(value[part] for value in vars(self.match).values()))
         nuisances = tuple(replace(n, column=n.column[part]) for n in self.nuisances)
         return replace(self, obs=replace(self.obs, **cut), match=match, nuisances=nuisances)
 

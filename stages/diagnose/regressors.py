@@ -23,6 +23,7 @@ from twin.effects._prediction import LogView
 
 PERIODS_TRIED = 4
 PRIOR_REACH = 2.0  # sigma of an effect's parameter over the largest of its declared range
+SHORTEST_DAY_S = 300.0  # of bending by the sun: half the shortest period that is declared
 SHORTEST_PERIOD_S, LONGEST_PERIOD = 20.0, 4.0  # s; in lengths of the record
 
 
@@ -157,7 +158,7 @@ def _shapes(name: str, base: Baseline, view: LogView) -> list[dict[str, float]]:
         return [{"time": time - 0.5 * view.interval} for time in base.jumps]
     if name == "thermal_bending":
         length = view.t[-1] - view.t[0]
-        return [{"period": float(p)} for p in np.geomspace(max(length / 4.0, 60.0), 8.0 * length, 6)]
+        return [{"period": float(p)} for p in np.geomspace(max(length / 4.0, SHORTEST_DAY_S), 8.0 * length, 6)]
     if name == "phins_attitude_error":
         return [{"period": period} for period in error_periods(base)]
     return [{}]

@@ -15,7 +15,7 @@ import numpy as np
 from schemas.products import Alignment
 from schemas.rig import FloatArray
 from schemas.trial import Trial
-from stages.diagnose import instability
+from stages.diagnose import instability, slow
 from stages.diagnose.baseline import Baseline, baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
 from stages.diagnose.evidence import Gram, gain, held_out, null_evidence, shifted, solve
@@ -24,13 +24,14 @@ from stages.diagnose.latency import main_match
 from stages.diagnose.nuisances import TOLERANCES
 from stages.diagnose.pick import Pick, at_period, with_period
 from stages.diagnose.regressors import Group, Regressors, regressors, view_of
-from stages.diagnose.view import believed
+from stages.diagnose.view import arw_of, believed
 from stages.diagnose.whitening import Levels
 from twin import effects
 from twin.compensation import compensate
 from twin.config import Twin
 from twin.effects import Effect
 from twin.effects._change import section
+from twin.effects._prediction import LogView
 
 MEAN = tuple(name for name in effects.names() if effects.get(name).predict.__func__ is not Effect.predict.__func__)  # type: ignore[attr-defined]
 TOLERATED = ("gyro_bias", "accel_bias", "static_misalignment", *TOLERANCES)
@@ -136,6 +137,7 @@ def select(
     levels: Levels | None = None
     wandering: Wander | None = None
     thresholds: dict[str, float] = {}
+    doubts: dict[str, float] = {}
     for _ in range(MOST + 1):
         base, found, clean, gram, picks = _converged(about, picks, levels, wandering)
         levels = base.levels
@@ -145,6 +147,8 @@ def select(
         if not alone:
             alone = {name: score for name, (score, _) in scored.items()}
             alone |= {instability.NAME: moved.evidence} if moved else {}
+        doubts |= _doubted(base, found, gram, picks, scored, thresholds)
+        scored = {name: (min(score, doubts.get(name, score)), group) for name, (score, group) in scored.items()}
         best = max(scored, key=lambda name: scored[name][0] - thresholds.get(name, FLOOR_NATS), default=None)
         told = scored[best][0] if best is not None else -np.inf
         if moved is not None and moved.evidence > max(told / PARAMETRIC_SHARE, FLOOR_NATS):
@@ -153,12 +157,12 @@ def select(
             break
         else:
             picks = (*picks, _picked(base, found, gram, picks, scored[best][1]))
-    chosen = _finished(picks, base, found, clean, alone, thresholds, wandering)
+    chosen = _finished(picks, base, found, clean, alone, thresholds, wandering, doubts)
     while weakest := _unworthy(chosen):
         picks = tuple(pick for pick in chosen.picks if pick.group.effect != weakest)
         wandering = None if weakest == instability.NAME else chosen.wandering
         base, found, clean, _, picks = _converged(about, picks, chosen.base.levels, wandering)
-        chosen = _finished(picks, base, found, clean, alone, thresholds, wandering)
+        chosen = _finished(picks, base, found, clean, alone, thresholds, wandering, doubts)
     return chosen
 
 
@@ -280,6 +284,33 @@ def _scored(found: Regressors, gram: Gram, picks: Sequence[Pick]) -> dict[str, t
     return out
 
 
+def _doubted(
+    base: Baseline, found: Regressors, gram: Gram, picks: Sequence[Pick], scored: Mapping[str, tuple[float, Group]],
+    thresholds: Mapping[str, float],
+) -> dict[str, float]:  # fmt: skip
+    """Nats of slow bending that would be named, against flexure that is free."""
+    likely = [name for name in slow.EFFECTS if name in scored and scored[name][0] >= thresholds.get(name, FLOOR_NATS)]
+    if not likely:
+        return {}
+    seen = slow.angle(base.obs, base.flexure, base.source.twin.flexure, arw_of(base.source) ** 2)
+    view = view_of(base)
+    known = [_bending(view, seen, pick) for pick in picks if pick.group.effect in slow.EFFECTS]
+    beside = np.hstack([np.zeros((len(seen.t), 0)), *known])
+    lesser = slow.fit(seen, beside).nats.sum()
+    out = {}
+    for name in likely:
+        pick = _picked(base, found, gram, picks, scored[name][1])
+        greater = slow.fit(seen, np.hstack([beside, _bending(view, seen, pick)])).nats.sum()
+        out[name] = float(greater - lesser) - slow.price(len(pick.value) + len(pick.group.shape), seen)
+    return out
+
+
+def _bending(view: LogView, seen: slow.Angle, pick: Pick) -> FloatArray:
+    column = effects.get(pick.group.effect).predict(view, **pick.group.shape)[0]
+    assert column.signals.bending is not None
+    return slow.at(seen, view.t, column.signals.bending)
+
+
 def _makes_sense(found: Regressors, gram: Gram, base: Sequence[int], group: Group) -> bool:
     """Whether a parameter that has one sign only has it."""
     value = solve(gram.total, gram.precision, [*base, *gram.index(group.names)]).value[-len(group.names) :]
@@ -346,7 +377,7 @@ def _picked(base: Baseline, found: Regressors, gram: Gram, picks: Sequence[Pick]
 
 def _finished(
     picks: tuple[Pick, ...], base: Baseline, found: Regressors, clean: Trial, alone: Mapping[str, float],
-    thresholds: Mapping[str, float], wandering: Wander | None,
+    thresholds: Mapping[str, float], wandering: Wander | None, doubts: Mapping[str, float],
 ) -> Selection:  # fmt: skip
     gram, _ = _frozen(found, picks)
     places = found.gram.index([name for pick in picks for name in _kept(found, pick).names])
@@ -365,7 +396,7 @@ def _finished(
                 held_out(restored, _with(found, others), restored.index(group.names)).sum()
             )
     for name, (score, _) in _scored(found, gram, picks).items():
-        evidence[name] = score
+        evidence[name] = min(score, doubts.get(name, score))
     if wandering is not None:
         wandering = _wander(base, found, picks)
         evidence[instability.NAME] = wandering.evidence

@@ -182,11 +182,11 @@ def _cleaned(
     attitude = _attitude(omega, interval)
     rate, theta = seen, np.zeros_like(seen)
     for _ in range(PASSES):
-        motion, lag, lag_std = _motion(seen - quaternions.cross(omega, theta), omega, interval, twin)
+        motion, lag, lag_std = _motion(seen - quaternions.cross(omega, theta), omega, attitude, interval, twin)
         rate = seen - motion
         theta = _integrated(rate, attitude, interval)
     rate = rate - quaternions.cross(omega, theta)
-    left, _, _ = _motion(rate, omega, interval, twin)
+    left, _, _ = _motion(rate, omega, attitude, interval, twin)
     return rate - left, theta, lag, lag_std
 
 
@@ -210,12 +210,15 @@ def _integrated(rate: FloatArray, attitude: FloatArray, interval: float) -> Floa
     return quaternions.rotate(to_m, turned - np.linalg.lstsq(axes.T, mean, rcond=1e-6)[0])
 
 
-def _motion(rate: FloatArray, omega: FloatArray, interval: float, twin: Twin) -> tuple[FloatArray, float, float]:
+def _motion(
+    rate: FloatArray, omega: FloatArray, attitude: FloatArray, interval: float, twin: Twin
+) -> tuple[FloatArray, float, float]:
     """The part (n, 3) of a rate in proportion to the ship's motion, and the lag of it, s, with its std."""
     every = max(1, int(1.0 / (COARSE_HZ * interval)))
     coarse, spacing = _means(rate, every), every * interval
     time = _means(_clock(len(rate)), every)
-    design = _columns(_means(omega, every), _means(_slope(omega, interval), every), time)
+    middle = attitude[every // 2 :: every][: len(coarse)]
+    design = _columns(_means(omega, every), _means(_slope(omega, interval), every), time, middle)
     weights = _weights(len(coarse), spacing, twin)
     whitened = fft.rfft(coarse, axis=0) * weights
     spectra = np.stack([fft.rfft(column, axis=0) * weights for column in design]).reshape(len(design), -1)
@@ -225,26 +228,42 @@ def _motion(rate: FloatArray, omega: FloatArray, interval: float, twin: Twin) ->
     solution = np.linalg.solve(scaled, right / scale) / scale
     # |rfft|^2 of white noise of variance v is n v, half of it in the real part
     spread = np.sqrt(len(coarse) * np.linalg.inv(scaled)[LAG, LAG] / 2.0) / scale[LAG]
-    return _predicted(solution, omega, interval), float(solution[LAG]), float(spread)
+    return _predicted(solution, omega, attitude, interval), float(solution[LAG]), float(spread)
 
 
-def _predicted(x: FloatArray, omega: FloatArray, interval: float) -> FloatArray:
-    """What the coefficients (14,) of ``_columns`` say at full rate, (n, 3)."""
+def _predicted(x: FloatArray, omega: FloatArray, attitude: FloatArray, interval: float) -> FloatArray:
+    """What the coefficients (20,) of ``_columns`` say at full rate, (n, 3)."""
     time = _clock(len(omega))
-    turned = quaternions.cross(omega, x[9:12] * time)
+    astray = x[9:12] * time + _back(attitude, np.broadcast_to(x[14:17], omega.shape))
+    astray += _back(attitude, _lasting(attitude, np.broadcast_to(x[17:20], omega.shape)))
+    turned = quaternions.cross(omega, astray)
     return omega @ x[:9].reshape(3, 3).T + turned - (x[LAG] + x[LAG + 1] * time) * _slope(omega, interval)
 
 
-def _columns(omega: FloatArray, slope: FloatArray, time: FloatArray) -> FloatArray:
-    """Regressors (14, n, 3): E in nine, drift of the misalignment in three, lag, drift of the lag."""
-    out = np.zeros((14, len(omega), 3))
+def _columns(omega: FloatArray, slope: FloatArray, time: FloatArray, attitude: FloatArray) -> FloatArray:
+    """Regressors (20, n, 3): E in nine, drift of the misalignment in three, lag, drift of the lag; what theta was at
+    first and what a bias of the gyros makes of it, which a ship that turns sees from all sides, in three each."""
+    out = np.zeros((20, len(omega), 3))
     for row in range(3):
         for column in range(3):
             out[3 * row + column, :, row] = omega[:, column]
     for axis in range(3):
-        out[9 + axis] = quaternions.cross(omega, np.broadcast_to(np.eye(3)[axis], omega.shape) * time)
+        one = np.broadcast_to(np.eye(3)[axis], omega.shape)
+        out[9 + axis] = quaternions.cross(omega, one * time)
+        out[14 + axis] = quaternions.cross(omega, _back(attitude, one))
+        out[17 + axis] = quaternions.cross(omega, _back(attitude, _lasting(attitude, one)))
     out[LAG], out[LAG + 1] = -slope, -slope * time
     return out
+
+
+def _back(attitude: FloatArray, inertial: FloatArray) -> FloatArray:
+    """(n, 3) in m-axes of vectors in inertial ones."""
+    return quaternions.rotate(quaternions.conjugate(attitude), inertial)
+
+
+def _lasting(attitude: FloatArray, rate: FloatArray) -> FloatArray:
+    """(n, 3) integral over the record, as a share of it, of a rate in m-axes, in inertial ones."""
+    return np.asarray(np.cumsum(quaternions.rotate(attitude, rate), axis=0) / len(rate))
 
 
 def _clock(n: int) -> FloatArray:

@@ -57,10 +57,12 @@ class AccelColour:
 
 @dataclass(frozen=True)
 class PhinsMatch:
-    """q: (N, 3) rad, NaN where a PHINS has no attitude. C: (N, 3, 3) R_n_m^T at the steps. count: (N,) samples."""
+    """q: (N, 3) rad, NaN where a PHINS has no attitude. C, A_T: (N, 3, 3) R_n_m^T and A_m^T, means over the steps.
+    count: (N,) samples."""
 
     q: FloatArray
     C: FloatArray
+    A_T: FloatArray
     count: FloatArray
 
 
@@ -101,12 +103,14 @@ def phins_match(trial: Trial, obs: Observations) -> PhinsMatch | None:
     difference = np.full((len(obs.t), 3), np.nan)
     difference[both] = quaternions.log(quaternions.multiply(measured, quaternions.conjugate(Y)))
     q, count = step_means(difference, obs.index)
-    at_steps = np.flatnonzero(main_ok)[
-        np.clip(np.searchsorted(np.flatnonzero(main_ok), obs.index), 0, main_ok.sum() - 1)
-    ]
-    row = np.cumsum(main_ok) - 1
-    C = np.swapaxes(Rotation.from_quat(n_m[row[at_steps]]).as_matrix(), 1, 2)
-    return PhinsMatch(q, C, count)
+    known = np.clip(np.cumsum(main_ok) - 1, 0, None)  # place of the last attitude there is
+    return PhinsMatch(q, _mean_matrices(n_m[known], obs.index), _mean_matrices(obs.main.attitude, obs.index), count)
+
+
+def _mean_matrices(attitude: FloatArray, index: IntArray) -> FloatArray:
+    """(N, 3, 3) means of R^T over the samples of each step, which are those that :func:`step_means` takes."""
+    entries = Rotation.from_quat(attitude).as_matrix().reshape(-1, 9)
+    return np.swapaxes(step_means(entries, index)[0].reshape(-1, 3, 3), 1, 2)
 
 
 def _attitude(series: ImuSeries | None, trial: Trial) -> tuple[IntArray, FloatArray] | None:
@@ -250,11 +254,10 @@ def _with_phins(lean: SparseModel, obs: Observations, match: PhinsMatch, noise: 
     value = np.zeros((N, ROWS, width))
     column[:6, : lean.measurement_col.shape[1]] = lean.measurement_col
     value[:, :6, : lean.measurement_col.shape[1]] = lean.measurement
-    A_T = np.swapaxes(obs.A_mid, 1, 2)
     for i in range(3):
         column[6 + i, :6] = [*own, D, D + 1, D + 2]
         value[:, 6 + i, :3] = match.C[:, i]
-        value[:, 6 + i, 3:6] = -A_T[:, i]
+        value[:, 6 + i, 3:6] = -match.A_T[:, i]
     P0 = np.zeros((n + 3, n + 3))
     P0[:n, :n] = lean.P0
     P0[n:, n:] = np.diag(noise.drift**2)

@@ -1,0 +1,167 @@
+"""Slow bending against flexure that is itself slow: likelihood with the flexure's parameters free under both.
+
+A deck whose flexure takes half a minute to die away bends slowly by itself. Held-out innovations tell it from bending
+that follows the sun or the heel only as well as its parameters are known, and those rest on what is fast. So the angle
+that the gyros show is fitted twice, with the columns in question and without, each time about the flexure that suits
+it best: second-order Markov noise per axis, sampled exactly, beside the gyros' drift. What is gained between the two is
+the logarithm of a likelihood ratio.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from scipy.optimize import minimize
+
+from physics.flexure import noise_covariance, stationary_covariance, transition
+from physics.kalman import FAST
+from physics.units import ARCMIN
+from schemas.products import FlexureModel
+from schemas.rig import FloatArray
+from stages.paired import Observations
+from twin.config import Flexure
+
+EFFECTS = ("thermal_bending", "heel_bending")
+INTERVAL_S = 0.5  # s, between the samples that are looked at, or more:
+MOST_SAMPLES = 4000
+SEEN = 1e-6  # rad, of the angle at a sample
+HARMONICS = 3  # half waves over the record that are slow, sines and cosines
+SLOWEST_HZ = 0.02  # up to which a column counts as slow
+REACH = np.log(20.0)  # how far the flexure's parameters may go from where they start
+SHARE = 0.3  # of natural logarithms: how well a twin knows its flexure, one sigma
+
+
+@dataclass(frozen=True)
+class Angle:
+    """theta: (n, 3) rad, NaN in gaps. t: (n,) s. free: (n, 3, k), what the gyros' drift may add to each axis. walk:
+    rad^2/s, of the gyros' noise. start, believed: (3, 3) natural logarithms of damping, stiffness and std, one axis a
+    row: where to start, and what the twin says."""
+
+    t: FloatArray
+    theta: FloatArray
+    free: FloatArray
+    walk: float
+    start: FloatArray
+    believed: FloatArray
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """x: (3, 3) as ``start`` of the angle. nats: (3,) log-likelihood of each axis."""
+
+    x: FloatArray
+    nats: FloatArray
+
+
+def angle(obs: Observations, flexure: FlexureModel, belief: Flexure, walk: float) -> Angle:
+    """What the gyros show of the angle between the units, thinned out; flexure: to start from; belief: the twin's."""
+    t = obs.t[obs.index]
+    interval = max(INTERVAL_S, (t[-1] - t[0]) / MOST_SAMPLES)
+    chosen = slice(0, None, max(1, round(interval / float(np.median(np.diff(t))))))
+    turned = np.swapaxes(obs.A_end, 1, 2)
+    drift = turned @ np.cumsum(obs.A_integral, axis=0)
+    jumps = [turned * (t >= t[k])[:, None, None] for k in np.flatnonzero(obs.jump_s > 0.0)]
+    free = np.concatenate([turned, drift, *jumps], axis=2)
+    mu = np.array(belief.damping)
+    believed = np.log([mu, mu**2 + np.array(belief.frequency) ** 2, np.array(belief.std_arcmin) * ARCMIN]).T
+    return Angle(t[chosen], obs.z[chosen], free[chosen], walk, _logarithms(flexure), believed)
+
+
+def _logarithms(flexure: FlexureModel) -> FloatArray:
+    return np.log(np.stack([flexure.damping, flexure.stiffness, flexure.std], axis=1))
+
+
+def harmonics(seen: Angle) -> FloatArray:
+    """(n, 2 k) sines and cosines that are slow over the record."""
+    phase = np.pi * (seen.t - seen.t[0]) / (seen.t[-1] - seen.t[0])
+    return np.stack([f(k * phase) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)], axis=1)
+
+
+def at(seen: Angle, t: FloatArray, bending: FloatArray) -> FloatArray:
+    """Bending (m, 3) at instants (m,) as one column (n, 1) at those of the angle: effects bend all axes alike."""
+    axis = int(np.argmax(np.abs(bending).max(axis=0)))
+    return np.interp(seen.t, t, bending[:, axis])[:, None]
+
+
+def sober(flexure: FlexureModel, seen: Angle, more: FloatArray) -> FlexureModel:
+    """The flexure beside anything slow, harmonics of the record and ``more`` (n, k)."""
+    damping, stiffness, std = np.exp(fit(seen, np.hstack([harmonics(seen), more])).x).T
+    return replace(flexure, damping=damping, stiffness=stiffness, std=std)
+
+
+def price(columns: int, seen: Angle) -> float:
+    """Nats that so many free numbers a log gain by chance, beside what the search for a period finds."""
+    return 0.5 * columns * float(np.log(len(seen.t) * float(np.median(np.diff(seen.t))) * SLOWEST_HZ))
+
+
+def fit(seen: Angle, columns: FloatArray) -> Fitted:
+    """The flexure beside bending (n, k) whose size about each axis is free."""
+    found = [_fit_axis(seen, axis, columns) for axis in range(3)]
+    return Fitted(np.stack([x for x, _ in found]), np.array([nats for _, nats in found]))
+
+
+def _fit_axis(seen: Angle, axis: int, columns: FloatArray) -> tuple[FloatArray, float]:
+    Y = np.column_stack([seen.theta[:, axis], seen.free[:, axis], columns])
+    size = np.sqrt(np.nanmean(Y**2, axis=0))
+    Y[:, 1:] /= np.where(size[1:] > 0.0, size[1:], 1.0)
+    Y = np.ascontiguousarray(Y)
+    step = np.array(np.median(np.diff(seen.t)))
+    start = seen.start[axis]
+
+    def cost(x: FloatArray) -> float:
+        if np.any(np.abs(x - start) > REACH):
+            return 1e12
+        mu, b2, std = np.exp(x)
+        F, Q = transition(mu, b2, step), noise_covariance(mu, b2, std, step)
+        white, log_det = _whitened(F, Q, stationary_covariance(b2, std), seen.walk * float(step), SEEN**2, Y)
+        G = white.T @ white
+        value = np.linalg.solve(G[1:, 1:] + 1e-9 * np.eye(len(G) - 1), G[1:, 0])
+        prior = float(np.sum((x - seen.believed[axis]) ** 2)) / SHARE**2
+        return 0.5 * (float(G[0, 0] - value @ G[1:, 0]) + log_det + prior)
+
+    best = start
+    for _ in range(2):
+        found = minimize(cost, best, method="Nelder-Mead", options={"xatol": 2e-3, "fatol": 2e-3, "maxiter": 300})
+        best = found.x
+    return best, -float(found.fun)
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _whitened(F, Q, P0, walk, seen, Y):  # type: ignore[no-untyped-def]
+    """Innovations (n, c) over their standard deviation of columns that the same filter sees, and ln det S.
+
+    State: angle, its rate, and a random walk beside the angle. A row whose first entry is NaN was not seen.
+    """
+    n, c = Y.shape
+    out = np.zeros((n, c))
+    x = np.zeros((3, c))
+    P = np.zeros((3, 3))
+    P[:2, :2] = P0
+    log_det = 0.0
+    G = np.zeros((3, 3))
+    G[:2, :2] = F
+    G[2, 2] = 1.0
+    h = np.empty(3)
+    for k in range(n):
+        if not np.isnan(Y[k, 0]):
+            for i in range(3):
+                h[i] = P[i, 0] + P[i, 2]
+            S = h[0] + h[2] + seen
+            root = np.sqrt(S)
+            log_det += np.log(S)
+            for j in range(c):
+                e = Y[k, j] - x[0, j] - x[2, j]
+                out[k, j] = e / root
+                for i in range(3):
+                    x[i, j] += h[i] / S * e
+            P -= np.outer(h, h) / S
+        P = G @ P @ G.T
+        P[:2, :2] += Q
+        P[2, 2] += walk
+        for j in range(c):
+            a = F[0, 0] * x[0, j] + F[0, 1] * x[1, j]
+            x[1, j] = F[1, 0] * x[0, j] + F[1, 1] * x[1, j]
+            x[0, j] = a
+    return out, log_det
