@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from physics.units import ARCMIN, ARCSEC, DEG, DEG_PER_HOUR, MICRO_G, PPM, STANDARD_GRAVITY
 from pipeline.blind.reality.motion import ShipPath
@@ -108,6 +109,36 @@ def hysteresis(nature: Nature, yield_sigmas: float) -> FloatArray:
         left = stiffness * (z - linear @ np.linalg.lstsq(linear, z, rcond=None)[0])
         nats += 0.5 * nature.duration * float(left.var()) / density
     return np.array([DETECTABLE / np.sqrt(2.0 * nats)])
+
+
+def random_walk(nature: Nature) -> float:
+    """The least angle random walk of the sub-IMU's gyros, rad/sqrt(s), that spectra tell from the one it has.
+
+    By Whittle's likelihood of rates in which flexure stands beside the noise of both units.
+    """
+    f = np.linspace(0.0, 0.5 * nature.rate, 4001)[1:]
+    density, own = rate_density(nature, f), nature.sub.arw**2
+
+    def short_of(arw: float) -> float:
+        x = (arw**2 - own) / density
+        return nature.duration * float((x - np.log1p(x)).mean(axis=0).sum()) * f[-1] - 0.5 * DETECTABLE**2
+
+    return float(brentq(short_of, nature.sub.arw, 1e3 * np.sqrt(density.max())))
+
+
+def vibration(nature: Nature, frequency: float, axis: int) -> float:
+    """The least amplitude, rad/s, of a sine of the rate at a frequency (Hz)."""
+    density = rate_density(nature, np.array([frequency]))[0, axis]
+    return DETECTABLE * float(np.sqrt(2.0 * density / nature.duration))
+
+
+def rate_density(nature: Nature, f: FloatArray) -> FloatArray:
+    """(bins, 3) rad^2/s, two-sided, of the difference of both gyros: flexure and noise."""
+    deck, w = nature.deck, 2.0 * np.pi * f[:, None]
+    stiffness = deck.damping**2 + deck.frequency**2
+    forcing = 4.0 * deck.damping * stiffness * deck.std**2
+    bent = w**2 * forcing / ((stiffness - w**2) ** 2 + (2.0 * deck.damping * w) ** 2)
+    return np.asarray(bent + nature.main.arw**2 + nature.sub.arw**2)
 
 
 @njit(cache=True)

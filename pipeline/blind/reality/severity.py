@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physics.units import DEG, DEG_PER_SQRT_HOUR
 from pipeline.blind.reality import limits
+from pipeline.blind.reality.nature import Nature
 from pipeline.blind.reality.scenes import GRADES, Scene
 from twin.config import Twin
 
@@ -101,7 +103,8 @@ def _instability(d: Draw) -> Parameters:
 
 
 def _random_walk(d: Draw) -> Parameters:
-    return {"arw": d.twin.imu.sub.gyro_arw * (1.0 + d.about(0.15) * d.severity)}
+    own = d.twin.imu.sub.gyro_arw
+    return {"arw": own + d.sizes([0.15 * own], {})[0]}
 
 
 def _quantization(d: Draw) -> Parameters:
@@ -171,7 +174,8 @@ def _nonstationary(d: Draw) -> Parameters:
 
 def _vibration(d: Draw) -> Parameters:
     frequency = d.period(1.0, 40.0)
-    return {"frequency": frequency, "amplitude": d.about(7e-4 * frequency**-0.95 * d.factor), "axis": d.axis()}
+    shape = {"frequency": frequency, "axis": d.axis()}
+    return {"amplitude": d.sizes([7e-4 * frequency**-0.95], shape)[0]} | shape
 
 
 def _phins_error(d: Draw) -> Parameters:
@@ -259,6 +263,22 @@ REFERENCE = 1800.0  # s
 MOST_HYSTERETIC = 0.9  # of the stiffness: with more the deck would not come back
 
 
+def _least_walk(nature: Nature, shape: Parameters) -> FloatArray:
+    """Beyond what the gyros have."""
+    return np.array([(limits.random_walk(nature) - nature.sub.arw) / DEG_PER_SQRT_HOUR])
+
+
+def _least_vibration(nature: Nature, shape: Parameters) -> FloatArray:
+    return np.array([limits.vibration(nature, shape["frequency"], AXES.index(shape["axis"])) / DEG])
+
+
+STOCHASTIC: dict[str, Callable[[Nature, Parameters], FloatArray]] = {
+    "bouc_wen": lambda nature, shape: limits.hysteresis(nature, shape["yield_sigmas"]),
+    "gyro_random_walk": _least_walk,
+    "narrowband_vibration": _least_vibration,
+}
+
+
 def plain(values: Any) -> Any:
     """Numbers and lists of Python's own, as a document has them."""
     if isinstance(values, dict):
@@ -281,8 +301,8 @@ def parameters(name: str, severity: float, scene: Scene, rng: np.random.Generato
     factor = severity * (REFERENCE / twin.run.duration) ** how.power * (grade if how.graded else 1.0)
 
     def bound(shape: Parameters) -> FloatArray | None:
-        if name == "bouc_wen":
-            return limits.hysteresis(scene.nature, shape["yield_sigmas"])
+        if name in STOCHASTIC:
+            return STOCHASTIC[name](scene.nature, shape)
         seen = limits.drive(scene.nature)
         columns = limits.unit_signals(name, seen, shape)
         return None if columns is None else limits.limit(scene.nature, columns, seen)

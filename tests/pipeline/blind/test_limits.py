@@ -1,5 +1,7 @@
 """The bound on what can be detected, against a dense reference and against least squares on drawn logs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -102,3 +104,27 @@ def test_a_hysteresis_that_cannot_be_plainer_is_drawn_with_the_severity_it_reach
     stated = answer["effects"][0]
     assert stated["parameters"]["hysteretic_share"] == 0.9
     assert answer["severity"] == stated["severity"] < 3.0
+
+
+def test_the_rates_density_is_that_of_the_gyros_beside_all_channels(nature):
+    f = np.linspace(0.0, 4.0, 4001)
+    expected = np.diagonal(limits.spectra(nature, f).real, axis1=1, axis2=2)[:, :3]
+    np.testing.assert_allclose(limits.rate_density(nature, f)[20:-1], expected[20:-1], rtol=1e-2)
+
+
+def test_the_least_walk_is_larger_where_flexure_drowns_the_gyros_noise(nature):
+    wide = replace(nature, deck=replace(nature.deck, std=30.0 * nature.deck.std))
+    still = replace(nature, deck=replace(nature.deck, std=1e-6 * nature.deck.std))
+    assert limits.random_walk(wide) > 2.0 * limits.random_walk(nature) > 2.0 * nature.sub.arw
+    # Beside white noise alone x - ln(1 + x) is D^2 / 2 over three axes' bins.
+    x = (limits.random_walk(still) ** 2 - still.sub.arw**2) / (still.main.arw**2 + still.sub.arw**2)
+    bins = 3.0 * 0.5 * still.rate * still.duration
+    assert bins * (x - np.log1p(x)) == pytest.approx(0.5 * limits.DETECTABLE**2, rel=1e-3)
+
+
+def test_a_sine_of_the_least_amplitude_stands_so_many_sigmas_out_of_white_noise(nature):
+    still = replace(nature, deck=replace(nature.deck, std=1e-9 * nature.deck.std))
+    t = np.arange(0.0, still.duration, 1.0 / still.rate)
+    sine = limits.vibration(still, 7.0, 2) * np.sin(2.0 * np.pi * 7.0 * t)
+    noise = np.sqrt((still.main.arw**2 + still.sub.arw**2) * still.rate)
+    assert np.linalg.norm(sine) / noise == pytest.approx(limits.DETECTABLE, rel=1e-3)

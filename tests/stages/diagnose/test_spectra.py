@@ -54,6 +54,32 @@ def best(candidates):
     return max(candidates, key=lambda candidate: candidate.finding.evidence_nats)
 
 
+def test_what_is_in_proportion_to_the_motion_is_predicted_as_it_was_regressed():
+    t = 0.1 * np.arange(400)
+    omega = np.stack([0.1 * np.sin(t), 0.2 * np.cos(0.7 * t), 0.05 + 0.01 * np.sin(0.3 * t)], axis=1)
+    attitude = spectral_residual._attitude(omega, 0.1)
+    slope = spectral_residual._slope(omega, 0.1)
+    columns = spectral_residual._columns(omega, slope, spectral_residual._clock(len(t)), attitude)
+    x = np.random.default_rng(1).standard_normal(len(columns))
+    told = spectral_residual._predicted(x, omega, attitude, 0.1)
+    np.testing.assert_allclose(told, np.einsum("k,kni->ni", x, columns), atol=1e-12)
+
+
+def test_an_angle_that_stays_in_inertial_axes_leaves_nothing_on_a_ship_that_turns():
+    t = 0.1 * np.arange(6000)
+    sway = [
+        0.1 * np.sin(0.7 * t),
+        0.15 * np.cos(0.6 * t),
+        0.03 * np.exp(-(((t - 300.0) / 60.0) ** 2)) + 0.03 * np.sin(0.8 * t),
+    ]
+    omega = np.stack(sway, axis=1)
+    attitude = spectral_residual._attitude(omega, 0.1)
+    astray = spectral_residual._back(attitude, np.broadcast_to([1e-3, -2e-3, 5e-4], omega.shape))
+    rate = np.cross(omega, astray)
+    left = rate - spectral_residual._motion(rate, omega, attitude, 0.1, load_twin("random-sea"))[0]
+    assert np.abs(left).max() < 0.02 * np.abs(rate).max()
+
+
 def test_the_residual_is_the_rate_of_the_flexure_and_noise():
     trial, _ = drawn(3)
     residual, _ = residual_of(3)

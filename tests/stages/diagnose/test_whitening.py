@@ -46,6 +46,7 @@ class Case:
 
     def __init__(self) -> None:
         source = believed(simulate(TWIN, np.random.default_rng(4)).trial, TWIN)
+        self.trial = source.trial
         rotation = exp(source.static)
         alignment = Alignment(
             rotation, Estimate(source.static, np.full(3, 1e-3)), 1e-6 * np.eye(3),
@@ -64,7 +65,7 @@ class Case:
         self.levels = Levels(noise, AccelColour(np.array([1e-3, 2e-3, 5e-4]), 2.0), phins)
         cut = slice(40, 40 + STEPS)
         self.obs = replace(self.whole, **{name: getattr(self.whole, name)[cut] for name in PER_STEP})
-        self.match = PhinsMatch(self.matched.q[cut], self.matched.C[cut], self.matched.count[cut])
+        self.match = PhinsMatch(*(value[cut] for value in vars(self.matched).values()))
 
     def still(self) -> Observations:
         """The same steps on a ship that neither turns nor accelerates."""
@@ -75,6 +76,16 @@ class Case:
 @pytest.fixture(scope="module")
 def case() -> Case:
     return Case()
+
+
+def test_the_phins_see_an_error_of_the_gyros_start_at_the_instants_of_their_samples(case: Case) -> None:
+    d = np.array([0.004, -0.003, 0.01])
+    moved = observe(pair(case.trial, despike=False), replace(case.at, R_0=exp(d) @ case.at.R_0))
+    change = whitening.phins_match(case.trial, moved).q - case.matched.q
+    expected = -np.einsum("kij,j->ki", case.matched.A_T, d)
+    # Half a sample amiss would be 5 ms times the ship's rate times d; what may be left is d times the angle itself.
+    skewed = np.linalg.lstsq(case.whole.omega[1:, :2], (change - expected)[1:], rcond=None)[0]
+    assert np.abs(skewed).max() < 0.5 * 0.005 * 0.01
 
 
 @pytest.mark.parametrize("with_phins", [True, False])
