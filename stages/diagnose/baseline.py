@@ -90,7 +90,7 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
         source = level(source)
     paired = pair(source.trial, believed, despike=False)  # a step of the mounting is a spike of its gyro
     flexure = tuning.separable(identify.get("whittle")().identify(recorded, believed))
-    at = _centred(paired, Linearisation.at(believed, source.lever_arm))
+    at = _centred(paired, Linearisation.at(believed, source.lever_arm), source)
     obs = _without_slow_bending(observe(paired, at), source, at.coupling)
     if not source.forces:
         obs = replace(obs, u=np.full_like(obs.u, np.nan))
@@ -120,10 +120,10 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
     )
 
 
-def _centred(paired: Paired, at: Linearisation) -> Linearisation:
+def _centred(paired: Paired, at: Linearisation, source: Believed) -> Linearisation:
     """With the sub's start turned so that z is zero on the average: what is left of its error is small to second order,
     which over half an hour would else show as metres per second."""
-    obs = observe(paired, at)
+    obs = _without_slow_bending(observe(paired, at), source, at.coupling)
     lasting = np.nanmean(np.einsum("kij,kj->ki", obs.A_end, obs.z), axis=0)
     return replace(at, R_0=exp(-lasting) @ at.R_0)
 

@@ -24,6 +24,7 @@ LAGS_S = (-0.6, -0.2, 0.2, 0.6)
 HARMONICS = (1, 2, 3, 5)
 PIECE_S, SHORTEST_SWING_S = 5.0, 20.0  # s, of a clock that swings
 SWINGING = "a clock that swings"
+SLOW_BENDING = "slow bending"
 SLOW = 4  # sines over the record for what drifts
 
 
@@ -163,6 +164,11 @@ def _bending(view: LogView) -> list[Signals]:
     return [Signals(bending=x) for x in _matrix(view.force_m - view.force_m.mean(axis=0)) + _matrix(view.omega_m)]
 
 
+def slow_waves(view: LogView) -> FloatArray:
+    """(n, 8) what bends slowly."""
+    return np.stack(_slow(view), axis=1)
+
+
 def _slow_bending(view: LogView) -> list[Signals]:
     return [Signals(bending=on_axis(axis, s)) for s in _slow(view) for axis in range(3)]
 
@@ -199,7 +205,7 @@ FAMILIES: Mapping[str, tuple[str, Made]] = {
     "forces and rates seen by the accelerometers": ("sub.accel", _accel_matrix),
     "a wandering bias of the accelerometers": ("sub.accel", _accel_drift),
     "bending that follows the ship's motion": ("sub.gyro", _bending),
-    "slow bending": ("sub.gyro", _slow_bending),
+    SLOW_BENDING: ("sub.gyro", _slow_bending),
     "a deck whose restoring moment is no line": ("sub.gyro", _restoring),
     "a slow error of the PHINS": ("phins_sub.attitude", _phins_drift),
     "an error of the PHINS that follows the motion": ("phins_sub.attitude", _phins_motion),

@@ -21,13 +21,13 @@ from schemas.trial import Trial
 from stages.align import align
 from stages.diagnose import direct, events, goodness, pictures, shrinkage, spectra, spectral_residual
 from stages.diagnose.candidate import FLOOR_NATS, Candidate
-from stages.diagnose.ceiling import Family, families
+from stages.diagnose.ceiling import SLOW_BENDING, Family, families, slow_waves
 from stages.diagnose.findings import as_effect, of_pick, of_wander
 from stages.diagnose.gap import comparisons, gap_of
 from stages.diagnose.goodness import Excess
-from stages.diagnose.judgement import Abstention, halves_agree, judged, named_of
+from stages.diagnose.judgement import LEFT_NATS, Abstention, halves_agree, judged, named_of
 from stages.diagnose.regressors import view_of
-from stages.diagnose.selection import Selection, select
+from stages.diagnose.selection import Selection, against_free_flexure, select
 from stages.diagnose.spectra import FullRateResidual, JointFit
 from stages.diagnose.view import believed, without_dead_forces
 from twin import effects
@@ -178,9 +178,20 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
         chosen.steady,
         chosen.without_events,
     )
+    ceiling = tuple(_doubted(family, chosen) for family in ceiling)
     excess = _excess(residual, twin, joint, spectral, known, "axis_coupling" not in names)
     findings = _findings(checks, chosen, candidates, joint)
     return Evidence(checks, chosen, candidates, found, before, residual, joint, ceiling, excess, findings)
+
+
+def _doubted(family: Family, chosen: Selection) -> Family:
+    """Slow bending that flexure of other parameters explains as well is none."""
+    told = float(family.gain.sum())
+    if family.name != SLOW_BENDING or told < LEFT_NATS:
+        return family
+    waves = slow_waves(view_of(chosen.base))
+    nats = against_free_flexure(chosen.base, chosen.picks, waves, 3 * waves.shape[1])
+    return replace(family, gain=family.gain * min(1.0, max(nats, 0.0) / told))
 
 
 def _linear(residual: FullRateResidual, chosen: Selection, twin: Twin) -> FullRateResidual:

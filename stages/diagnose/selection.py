@@ -42,6 +42,7 @@ PARAMETRIC_SHARE = 0.8  # of a wandering bias's evidence: an effect that reaches
 FLOOR_S = 1800.0  # of record for which the floor holds; longer ones need more
 KEPT_SHARE = 0.8  # of the threshold, below which a pick is dropped again beside the others
 ROUNDS = 3  # of linearisation about the picks, before anything else is looked for
+STRONG = 100.0  # nats of a named effect, beyond which the levels of noise are sought from the start
 SETTLED = 1.0  # standard deviations by which a pick may move without being taken out anew
 EVENT_PENALTY = 3.0  # nats more for an event, on top of ln(steps) and half ln(steps) a parameter: its time was searched
 
@@ -140,7 +141,6 @@ def select(
     doubts: dict[str, float] = {}
     for _ in range(MOST + 1):
         base, found, clean, gram, picks = _converged(about, picks, levels, wandering)
-        levels = base.levels
         thresholds = _thresholds(found, gram, picks, rng)
         scored = _scored(found, gram, picks)
         moved = _wander(base, found, picks) if instability.NAME in library and wandering is None else None
@@ -152,11 +152,13 @@ def select(
         best = max(scored, key=lambda name: scored[name][0] - thresholds.get(name, FLOOR_NATS), default=None)
         told = scored[best][0] if best is not None else -np.inf
         if moved is not None and moved.evidence > max(told / PARAMETRIC_SHARE, FLOOR_NATS):
-            wandering = moved
+            wandering, told = moved, moved.evidence
         elif best is None or len(picks) == MOST or not _worth(told, thresholds[best], alone, picks):
             break
         else:
             picks = (*picks, _picked(base, found, gram, picks, scored[best][1]))
+        # Noise that was found beside a strong effect is that effect's in part.
+        levels = None if told > STRONG else base.levels
     chosen = _finished(picks, base, found, clean, alone, thresholds, wandering, doubts)
     while weakest := _unworthy(chosen):
         picks = tuple(pick for pick in chosen.picks if pick.group.effect != weakest)
@@ -290,25 +292,30 @@ def _doubted(
 ) -> dict[str, float]:  # fmt: skip
     """Nats of slow bending that would be named, against flexure that is free."""
     likely = [name for name in slow.EFFECTS if name in scored and scored[name][0] >= thresholds.get(name, FLOOR_NATS)]
-    if not likely:
-        return {}
-    seen = slow.angle(base.obs, base.flexure, base.source.twin.flexure, arw_of(base.source) ** 2)
-    view = view_of(base)
-    known = [_bending(view, seen, pick) for pick in picks if pick.group.effect in slow.EFFECTS]
-    beside = np.hstack([np.zeros((len(seen.t), 0)), *known])
-    lesser = slow.fit(seen, beside).nats.sum()
     out = {}
     for name in likely:
         pick = _picked(base, found, gram, picks, scored[name][1])
-        greater = slow.fit(seen, np.hstack([beside, _bending(view, seen, pick)])).nats.sum()
-        out[name] = float(greater - lesser) - slow.price(len(pick.value) + len(pick.group.shape), seen)
+        numbers = len(pick.value) + len(pick.group.shape)
+        out[name] = against_free_flexure(base, picks, _bending(view_of(base), pick), numbers)
     return out
 
 
-def _bending(view: LogView, seen: slow.Angle, pick: Pick) -> FloatArray:
-    column = effects.get(pick.group.effect).predict(view, **pick.group.shape)[0]
-    assert column.signals.bending is not None
-    return slow.at(seen, view.t, column.signals.bending)
+def against_free_flexure(base: Baseline, picks: Sequence[Pick], columns: FloatArray, numbers: int) -> float:
+    """Nats of slow bending (n, k), whose size about each axis is free, on top of the picks, less the price of so many
+    numbers."""
+    view = view_of(base)
+    seen = slow.angle(base.obs, base.flexure, base.source.twin.flexure, arw_of(base.source) ** 2)
+    known = [_bending(view, pick) for pick in picks if pick.group.effect in slow.EFFECTS]
+    beside = np.hstack([np.zeros((len(seen.t), 0)), *(slow.at(seen, view.t, column) for column in known)])
+    more = np.hstack([beside, slow.at(seen, view.t, columns)])
+    return float(slow.fit(seen, more).nats.sum() - slow.fit(seen, beside).nats.sum()) - slow.price(numbers, seen)
+
+
+def _bending(view: LogView, pick: Pick) -> FloatArray:
+    """(n, 1) the bending of an effect that bends all axes alike, per unit about the one it is largest about."""
+    bending = effects.get(pick.group.effect).predict(view, **pick.group.shape)[0].signals.bending
+    assert bending is not None
+    return bending[:, [int(np.argmax(np.abs(bending).max(axis=0)))]]
 
 
 def _makes_sense(found: Regressors, gram: Gram, base: Sequence[int], group: Group) -> bool:

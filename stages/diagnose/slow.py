@@ -79,10 +79,9 @@ def harmonics(seen: Angle) -> FloatArray:
     return np.stack([f(k * phase) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)], axis=1)
 
 
-def at(seen: Angle, t: FloatArray, bending: FloatArray) -> FloatArray:
-    """Bending (m, 3) at instants (m,) as one column (n, 1) at those of the angle: effects bend all axes alike."""
-    axis = int(np.argmax(np.abs(bending).max(axis=0)))
-    return np.interp(seen.t, t, bending[:, axis])[:, None]
+def at(seen: Angle, t: FloatArray, columns: FloatArray) -> FloatArray:
+    """Columns (m, k) known at instants (m,) at those of the angle, (n, k)."""
+    return np.stack([np.interp(seen.t, t, column) for column in columns.T], axis=1).reshape(len(seen.t), -1)
 
 
 def sober(flexure: FlexureModel, seen: Angle, more: FloatArray) -> FlexureModel:
