@@ -225,4 +225,4 @@ def test_phins_latency_moves_both_attitudes_as_it_predicts(lively: Reference) ->
 
 def test_stiffening_bends_less_as_it_predicts(lively: Reference) -> None:
     """About the true flexure; its prediction starts at rest, the deck does not."""
-    assert missed(lively, "amplitude_stiffening", np.array([1e-4])) < 0.2
+    assert missed(lively, "amplitude_stiffening", np.array([1e-4])) < 0.25
