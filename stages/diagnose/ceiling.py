@@ -15,7 +15,7 @@ import numpy as np
 from physics.flexure import driven
 from physics.units import STANDARD_GRAVITY
 from schemas.rig import FloatArray
-from stages.diagnose import whitening
+from stages.diagnose import slow, whitening
 from stages.diagnose.baseline import Baseline
 from stages.diagnose.evidence import Gram, gram, held_out, solve
 from twin.effects._prediction import LogView, Signals, on_axis
@@ -25,7 +25,6 @@ HARMONICS = (1, 2, 3, 5)
 PIECE_S, SHORTEST_SWING_S = 5.0, 20.0  # s, of a clock that swings
 SWINGING = "a clock that swings"
 SLOW_BENDING = "slow bending"
-SLOW = 4  # sines over the record for what drifts
 
 
 @dataclass(frozen=True)
@@ -112,8 +111,7 @@ def _lagged(view: LogView, values: FloatArray) -> list[FloatArray]:
 
 
 def _slow(view: LogView) -> list[FloatArray]:
-    phase = np.pi * (view.t - view.t[0]) / (view.t[-1] - view.t[0])
-    return [function(k * phase) for k in HARMONICS for function in (np.sin, np.cos)]
+    return list(slow.waves(view.t, HARMONICS).T)
 
 
 def _diagonal(values: FloatArray) -> list[FloatArray]:
@@ -162,11 +160,6 @@ def _accel_drift(view: LogView) -> list[Signals]:
 
 def _bending(view: LogView) -> list[Signals]:
     return [Signals(bending=x) for x in _matrix(view.force_m - view.force_m.mean(axis=0)) + _matrix(view.omega_m)]
-
-
-def slow_waves(view: LogView) -> FloatArray:
-    """(n, 8) what bends slowly."""
-    return np.stack(_slow(view), axis=1)
 
 
 def _slow_bending(view: LogView) -> list[Signals]:

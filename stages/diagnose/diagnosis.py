@@ -19,9 +19,9 @@ from schemas.errors import DataError
 from schemas.products import Alignment
 from schemas.trial import Trial
 from stages.align import align
-from stages.diagnose import direct, events, goodness, pictures, shrinkage, spectra, spectral_residual
+from stages.diagnose import direct, events, goodness, pictures, shrinkage, slow, spectra, spectral_residual
 from stages.diagnose.candidate import FLOOR_NATS, Candidate
-from stages.diagnose.ceiling import SLOW_BENDING, Family, families, slow_waves
+from stages.diagnose.ceiling import HARMONICS, SLOW_BENDING, Family, families
 from stages.diagnose.findings import as_effect, of_pick, of_wander
 from stages.diagnose.gap import comparisons, gap_of
 from stages.diagnose.goodness import Excess
@@ -189,7 +189,7 @@ def _doubted(family: Family, chosen: Selection) -> Family:
     told = float(family.gain.sum())
     if family.name != SLOW_BENDING or told < LEFT_NATS:
         return family
-    waves = slow_waves(view_of(chosen.base))
+    waves = slow.waves(view_of(chosen.base).t, HARMONICS)
     nats = against_free_flexure(chosen.base, chosen.picks, waves, 3 * waves.shape[1])
     return replace(family, gain=family.gain * min(1.0, max(nats, 0.0) / told))
 

@@ -9,6 +9,7 @@ the logarithm of a likelihood ratio.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +28,7 @@ EFFECTS = ("thermal_bending", "heel_bending")
 INTERVAL_S = 0.5  # s, between the samples that are looked at, or more:
 MOST_SAMPLES = 4000
 SEEN = 1e-6  # rad, of the angle at a sample
-HARMONICS = 3  # half waves over the record that are slow, sines and cosines
+HARMONICS = (1, 2, 3)  # half waves over the record that are slow
 SLOWEST_HZ = 0.02  # up to which a column counts as slow
 REACH = np.log(20.0)  # how far the flexure's parameters may go from where they start
 SHARE = 0.3  # of natural logarithms: how well a twin knows its flexure, one sigma
@@ -73,10 +74,10 @@ def _logarithms(flexure: FlexureModel) -> FloatArray:
     return np.log(np.stack([flexure.damping, flexure.stiffness, flexure.std], axis=1))
 
 
-def harmonics(seen: Angle) -> FloatArray:
-    """(n, 2 k) sines and cosines that are slow over the record."""
-    phase = np.pi * (seen.t - seen.t[0]) / (seen.t[-1] - seen.t[0])
-    return np.stack([f(k * phase) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)], axis=1)
+def waves(t: FloatArray, harmonics: Sequence[int]) -> FloatArray:
+    """(n, 2 k) sine and cosine of so many half waves over instants (n,), one harmonic after the other."""
+    phase = np.pi * (t - t[0]) / (t[-1] - t[0])
+    return np.stack([function(k * phase) for k in harmonics for function in (np.sin, np.cos)], axis=1)
 
 
 def at(seen: Angle, t: FloatArray, columns: FloatArray) -> FloatArray:
@@ -86,7 +87,7 @@ def at(seen: Angle, t: FloatArray, columns: FloatArray) -> FloatArray:
 
 def sober(flexure: FlexureModel, seen: Angle, more: FloatArray) -> FlexureModel:
     """The flexure beside anything slow, harmonics of the record and ``more`` (n, k)."""
-    damping, stiffness, std = np.exp(fit(seen, np.hstack([harmonics(seen), more])).x).T
+    damping, stiffness, std = np.exp(fit(seen, np.hstack([waves(seen.t, HARMONICS), more])).x).T
     return replace(flexure, damping=damping, stiffness=stiffness, std=std)
 
 

@@ -134,11 +134,8 @@ def vibration(nature: Nature, frequency: float, axis: int) -> float:
 
 def rate_density(nature: Nature, f: FloatArray) -> FloatArray:
     """(bins, 3) rad^2/s, two-sided, of the difference of both gyros: flexure and noise."""
-    deck, w = nature.deck, 2.0 * np.pi * f[:, None]
-    stiffness = deck.damping**2 + deck.frequency**2
-    forcing = 4.0 * deck.damping * stiffness * deck.std**2
-    bent = w**2 * forcing / ((stiffness - w**2) ** 2 + (2.0 * deck.damping * w) ** 2)
-    return np.asarray(bent + nature.main.arw**2 + nature.sub.arw**2)
+    bent = np.diagonal(_bending(nature.deck, f).real, axis1=1, axis2=2)
+    return np.asarray((2.0 * np.pi * f[:, None]) ** 2 * bent + nature.main.arw**2 + nature.sub.arw**2)
 
 
 @njit(cache=True)
@@ -156,14 +153,9 @@ def _yielding(mu, stiffness, kick, step, yields):  # type: ignore[no-untyped-def
 
 def spectra(nature: Nature, f: FloatArray) -> ComplexArray:
     """Spectral densities (bins, 9, 9) of the residuals; a Hann window's share of the neighbours included."""
-    deck, phins = nature.deck, nature.phins
-    w = 2.0 * np.pi * f
-    stiffness = deck.damping**2 + deck.frequency**2
-    forcing = np.sqrt(np.outer(*(2 * [4.0 * deck.damping * stiffness * deck.std**2]))) * deck.correlation
-    answer = 1.0 / (stiffness - w[:, None] ** 2 + 2j * deck.damping * w[:, None])
-    theta = answer[:, :, None] * forcing * answer.conj()[:, None, :]
-    gain = _gain(deck, f)
-    density = gain @ theta @ gain.conj().transpose(0, 2, 1)
+    phins, w = nature.phins, 2.0 * np.pi * f
+    gain = _gain(nature.deck, f)
+    density = gain @ _bending(nature.deck, f) @ gain.conj().transpose(0, 2, 1)
     slow = 2.0 * phins.tau * phins.drift**2 / (1.0 + (w[:, None] * phins.tau) ** 2)
     noise = np.concatenate(
         [
@@ -177,6 +169,15 @@ def spectra(nature: Nature, f: FloatArray) -> ComplexArray:
     before, after = np.roll(density, 1, axis=0), np.roll(density, -1, axis=0)
     before[0], after[-1] = density[1], density[-1]
     return (before + 4.0 * density + after) / 6.0
+
+
+def _bending(deck: Deck, f: FloatArray) -> ComplexArray:
+    """(bins, 3, 3) rad^2 s, two-sided, of theta."""
+    w = 2.0 * np.pi * f[:, None]
+    stiffness = deck.damping**2 + deck.frequency**2
+    forcing = np.sqrt(np.outer(*(2 * [4.0 * deck.damping * stiffness * deck.std**2]))) * deck.correlation
+    answer = 1.0 / (stiffness - w**2 + 2j * deck.damping * w)
+    return np.asarray(answer[:, :, None] * forcing * answer.conj()[:, None, :])
 
 
 def _gain(deck: Deck, f: FloatArray) -> ComplexArray:
