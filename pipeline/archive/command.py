@@ -198,8 +198,9 @@ def catalogue(
     shown, left_out = catalogues.latest(rows)
     survey = surveyed(shown, by, left_out)
     path = joined(store.root, catalogues.FILE)
-    origin = {"deckflex": deckflex_version(), "archive": store.root, "where": where or ""}
-    made = archive_report(survey, Path(store.root).name or store.root, loaded.notes, origin)
+    title = Path(store.root).name or store.root
+    origin = {"deckflex": deckflex_version(), "archive": title, "where": where or ""}  # wherever it lies
+    made = archive_report(survey, title, loaded.notes, origin)
     written = write_report(made, outputs)
     if as_json:
         console.emit({**survey_document(survey, loaded.notes, path), "written": written})

@@ -41,11 +41,21 @@ def _observed(log: str, report: Mapping[str, Any], label: str) -> Observation:
     threshold = float(row.get("threshold_nats") or 0.0)
     for effect in report["effects"]:
         if label_of(effect) == label:
-            return Observation(log, float(effect["evidence_nats"]), threshold, True, dict(_flat(effect["parameters"])))
+            return Observation(log, float(effect["evidence_nats"]), threshold, True, stated(report, label))
     nats = row.get("evidence_nats")
     if report["effects"] or nats is None or nats >= threshold:
         return Observation(log, None, threshold, False, {})
     return Observation(log, float(nats), threshold, False, {})
+
+
+def stated(report: Mapping[str, Any], label: str) -> dict[str, tuple[float, float]]:
+    """(value, standard deviation) of each parameter that a report states of an effect; nothing where it names none."""
+    return {
+        name: value
+        for effect in report["effects"]
+        if label_of(effect) == label
+        for name, value in _flat(effect["parameters"])
+    }
 
 
 def _flat(parameters: Mapping[str, Any], of: str = "") -> Iterable[tuple[str, tuple[float, float]]]:

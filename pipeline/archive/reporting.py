@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import polars as pl
 
+from pipeline.archive.figures import NAMES, relations_of, trends_of
 from pipeline.archive.repeated import units_of
-from pipeline.archive.rows import AXES, CURVES
 from pipeline.archive.survey import OFF_THE_LINE, Fitted, Group, Survey, drifting
-from schemas.rig import FloatArray
-from schemas.trial import IntArray
+from schemas.diagnosis import ParameterEstimate
 from stages.archive.line import Line
-from stages.archive.repetition import Repetition, Standing
-from stages.archive.trends import MONTH_NS
-from stages.publish.archive import AGAINST_THE_SEA, ArchiveReport, Fit, Listing, Relation, Trend
+from stages.archive.repetition import FIRM, Agreed, Repetition
+from stages.publish.archive import AGAINST_THE_SEA, ArchiveReport, Listing
+from stages.publish.diagnosis_words import value_text
 from stages.publish.document import number
 
-NAMES = ("x (pitch)", "y (roll)", "z (heading)")
-DRAWN = 60  # points of a fitted line
 DISTRUST = {"bad": "do not rely on it", "care": "with care", "good": "good"}
-ERRORS = (
-    ("RMSE against truth", "rmse_truth_arcmin"),
-    ("RMSE against PHINS", "rmse_phins_arcmin"),
-    ("predicted σ", "predicted_std_arcmin"),
-)
-FIRM = (Standing.REPEATS, Standing.VARIES)
 
 
 def archive_report(survey: Survey, title: str, notes: Sequence[str], provenance: dict[str, str]) -> ArchiveReport:
@@ -37,11 +29,11 @@ def archive_report(survey: Survey, title: str, notes: Sequence[str], provenance:
         grade=_grade(survey),
         headline=_headline(survey),
         sentences=[sentence for group in survey.groups for sentence in sentences(group, len(survey.groups) > 1)],
-        trends=[trend for group in survey.groups for trend in _trends(group, len(survey.groups) > 1)],
+        trends=[trend for group in survey.groups for trend in trends_of(group, len(survey.groups) > 1)],
         listings=listings(survey),
         warnings=[*warnings(survey), *notes],
         provenance=provenance,
-        relations=[relation for group in survey.groups for relation in _relations(group, len(survey.groups) > 1)],
+        relations=[relation for group in survey.groups for relation in relations_of(group, len(survey.groups) > 1)],
     )
 
 
@@ -91,7 +83,7 @@ def _drift_words(axis: str, line: Line, months: float) -> str:
         return f"About {axis} too few logs can be used for a trend."
     low, high = line.slope_ci95
     whole = f"{_signed(line.slope * months, 2)}′ over {months:.1f} months"
-    size = f"{_signed(line.slope, 3)} ± {number(line.slope_std, 2)}′ a month ({whole})"
+    size = f"{_with_std(line.slope, line.slope_std)}′ a month ({whole})"
     if drifting(line):
         return f"About {axis} the static angle drifts by {size}, p = {line.p_value:.1g}."
     return f"About {axis} no drift is seen: {size}; at most {max(abs(low), abs(high)):.2g}′ a month with 95 %."
@@ -99,6 +91,18 @@ def _drift_words(axis: str, line: Line, months: float) -> str:
 
 def _signed(value: float, digits: int) -> str:
     return ("+" if value >= 0 else "−") + number(abs(value), digits)
+
+
+def _with_std(value: float, std: float) -> str:
+    """Both to the second digit of the standard deviation: ``+3.90 ± 0.32``."""
+    digits = 1 - math.floor(math.log10(std)) if std > 0 else 3
+    digits = min(max(digits, 0), 6)
+    return _minus(f"{value:+.{digits}f} ± {std:.{digits}f}")
+
+
+def _minus(text: str) -> str:
+    """A minus sign before a figure, not a hyphen."""
+    return f"−{text[1:]}" if text.startswith("-") else text
 
 
 def warnings(survey: Survey) -> list[str]:
@@ -128,8 +132,11 @@ def listings(survey: Survey) -> list[Listing]:
     every = [
         _listing(survey, "Drift of the static angle", DRIFT_HEADER, drift_rows),
         _listing(survey, AGAINST_THE_SEA, LAW_HEADER, law_rows),
+        _listing(survey, "Verdicts of the diagnoses", VERDICT_HEADER, verdict_rows),
         _listing(survey, "Effects over the voyages", EFFECT_HEADER, effect_rows),
+        _listing(survey, "Size of the effects that repeat", SIZE_HEADER, size_rows),
         Listing("Least trustworthy logs", WORST_HEADER, worst_rows(survey)),
+        Listing("Without a diagnosis", ("log", "reason"), undiagnosed(survey)),
         Listing("Set aside", ("log", "reason"), sorted(survey.aside)),
     ]
     return [listing for listing in every if listing.rows]
@@ -156,15 +163,17 @@ DRIFT_HEADER = (
     "excess scatter [′]",
 )
 LAW_HEADER = ("installation", "axis", "logs", "flexure σ at the mean sea [′]", "exponent", "p", "scatter [%]")
-EFFECT_HEADER = ("installation", "effect", "standing", "evidence [nats]", "named in", "against", "parameters")
+VERDICT_HEADER = ("installation", "verdict", "logs", "gap closed, median [%]")
+EFFECT_HEADER = ("installation", "effect", "standing", "evidence [nats]", "against", "logs that name it")
+SIZE_HEADER = ("installation", "effect", "parameter", "common value", "χ²", "the logs")
 WORST_HEADER = ("log", "start (UTC)", "verdict", "error/expected", "predicted σ [′]", "why")
 
 
 def drift_rows(group: Group) -> list[tuple[str, ...]]:
     """A row an axis."""
     return [
-        (group.name, axis, str(line.count), f"{line.value:+.3f} ± {line.value_std:.3f}",
-         f"{_signed(line.slope, 3)} ± {number(line.slope_std, 2)}",
+        (group.name, axis, str(line.count), _with_std(line.value, line.value_std),
+         _with_std(line.slope, line.slope_std),
          f"{_signed(line.slope_ci95[0], 2)} to {_signed(line.slope_ci95[1], 2)}",
          f"{line.p_value:.2g}", f"{line.excess:.2g}")
         for axis, line in _known(group.drifts)
@@ -174,7 +183,7 @@ def drift_rows(group: Group) -> list[tuple[str, ...]]:
 def law_rows(group: Group) -> list[tuple[str, ...]]:
     """A row an axis: flexure grows with the sea to the power of the exponent."""
     return [
-        (group.name, axis, str(line.count), f"{np.exp(line.value):.3f}", f"{line.slope:+.2f} ± {line.slope_std:.2f}",
+        (group.name, axis, str(line.count), f"{np.exp(line.value):.3f}", _with_std(line.slope, line.slope_std),
          f"{line.p_value:.2g}", f"{100 * line.excess:.0f}")
         for axis, line in _known(group.laws)
     ]  # fmt: skip
@@ -185,23 +194,50 @@ def _known(fits: Iterable[Fitted]) -> list[tuple[str, Line]]:
     return [(axis, fit.line) for axis, fit in zip(NAMES, fits) if np.isfinite(fit.line.slope)]
 
 
+def verdict_rows(group: Group) -> list[tuple[str, ...]]:
+    """A row a verdict, the most frequent first."""
+    told = group.frame.filter((pl.col("axis") == "x") & pl.col("twin").is_not_null()).group_by("diagnosis")
+    counted = told.agg(pl.len().alias("logs"), pl.col("gap_closed").median())
+    return [
+        (group.name, verdict.replace("_", " "), str(logs), "–" if closed is None else f"{100 * closed:.1f}")
+        for verdict, logs, closed in counted.sort("logs", "diagnosis", descending=[True, False]).rows()
+    ]
+
+
+def undiagnosed(survey: Survey) -> list[tuple[str, str]]:
+    """Logs that could not be held against the twin, with the reason."""
+    without = (pl.col("axis") == "x") & pl.col("twin").is_null() & pl.col("diagnosis").is_not_null()
+    return sorted(survey.frame.filter(without).select("name", "diagnosis").rows())
+
+
 def effect_rows(group: Group) -> list[tuple[str, ...]]:
     """A row an effect."""
     return [
-        (group.name, one.effect, str(one.standing), f"{one.nats:.1f}", str(one.named), str(len(one.against)),
-         parameters_of(group, one))
+        (group.name, one.effect, str(one.standing), f"{one.nats:.1f}", str(len(one.against)), _naming(one))
         for one in group.effects
     ]  # fmt: skip
 
 
-def parameters_of(group: Group, one: Repetition) -> str:
-    """``delay 4.02e-03 ± 1e-05 s``, with a mark where the logs disagree."""
-    units = units_of(group.reports, one.effect)
-    return "; ".join(
-        f"{name} {value.value:.4g} ± {value.std:.2g} {units.get(name, '')}".strip()
-        + ("" if value.agrees else f" (the logs disagree: χ² {value.chi2:.0f} of {value.dof})")
-        for name, value in one.parameters.items()
-    )
+def _naming(one: Repetition) -> str:
+    """How many logs name it; a single one by its own name."""
+    return one.pointing[0] if one.named == 1 and one.pointing else str(one.named)
+
+
+def size_rows(group: Group) -> list[tuple[str, ...]]:
+    """A row a parameter of the effects that repeat; of those named once the log's own report tells."""
+    return [
+        (group.name, one.effect, name, *_size(agreed, units.get(name, "")))
+        for one in group.effects
+        if one.standing in FIRM
+        for units in [units_of(group.reports, one.effect)]
+        for name, agreed in one.parameters.items()
+    ]
+
+
+def _size(agreed: Agreed, unit: str) -> tuple[str, str, str]:
+    """``0.003993 ± 4.3e-06 s``, ``9.1 of 8``, ``agree``."""
+    shown = value_text(ParameterEstimate(agreed.value, agreed.std, unit))
+    return _minus(shown), f"{agreed.chi2:.1f} of {agreed.dof}", "agree" if agreed.agrees else "disagree"
 
 
 def worst_rows(survey: Survey) -> list[tuple[str, ...]]:
@@ -216,100 +252,3 @@ def worst_rows(survey: Survey) -> list[tuple[str, ...]]:
 
 def _number(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f}"
-
-
-def _trends(group: Group, several: bool) -> Iterable[Trend]:
-    """Static angle per axis with its line, errors, flexure, curvature."""
-    of = f", {group.name}" if several else ""
-    for axis, fit in zip(NAMES, group.drifts):
-        if len(fit.x):
-            title = f"Static angle about {axis}{of}"
-            yield Trend(
-                title,
-                "arcmin",
-                fit.stamp,
-                fit.y[:, None],
-                fit.std[:, None],
-                [axis],
-                _drawn(fit, group.epoch),
-                "Static angle",
-            )
-    yield from _errors(group.frame, of)
-    yield from _delays(group.frame, of)
-    yield from _flexures(group.frame, of)
-    yield from _curvatures(group.frame, of)
-
-
-def _errors(frame: pl.DataFrame, of: str) -> Iterable[Trend]:
-    """Per axis the errors beside what was expected: heading is known far worse than the rest, so axes stand apart."""
-    known = {name: _by_axis(frame, column) for name, column in ERRORS}
-    known = {name: found for name, found in known.items() if np.isfinite(found[1]).any()}
-    for i, axis in enumerate(NAMES if known else ()):
-        stamp = next(iter(known.values()))[0]
-        values = np.stack([found[1][:, i] for found in known.values()], axis=1)
-        yield Trend(f"Error about {axis}{of}", "arcmin", stamp, values, None, list(known), tab="Accuracy")
-
-
-def _flexures(frame: pl.DataFrame, of: str) -> Iterable[Trend]:
-    columns = (
-        ("Flexure σ", "arcmin", "flexure_std_arcmin"),
-        ("Damping μ", "1/s", "flexure_damping"),
-        ("Frequency λ", "rad/s", "flexure_frequency"),
-        ("Motion of the ship, σ of the rate", "deg/s", "motion_dps"),
-    )
-    for title, unit, column in columns:
-        stamp, values = _by_axis(frame, column)
-        std = values * _by_axis(frame, "flexure_log_std")[1] if column == "flexure_std_arcmin" else None
-        if np.isfinite(values).any():
-            yield Trend(title + of, unit, stamp, values, std, NAMES, tab="Flexure")
-
-
-def _curvatures(frame: pl.DataFrame, of: str) -> Iterable[Trend]:
-    """Per kind of curvature, in 1e-5 rad/m: each changes by far less than one differs from another."""
-    stamp, values = _by_axis(frame, "deck_peak_rad_per_m")
-    std = _by_axis(frame, "deck_peak_std_rad_per_m")[1]
-    for i, (axis, curve) in enumerate(zip(AXES, CURVES)):
-        if np.isfinite(values[:, i]).any():
-            kind = curve if curve == "torsion" else f"{curve} curvature"
-            title, name = f"Largest {kind} of the deck{of}", f"{axis} ({curve})"
-            value, spread = 1e5 * values[:, i, None], 1e5 * std[:, i, None]
-            yield Trend(title, "1e-5 rad/m", stamp, value, spread, [name], tab="Deck shape")
-
-
-def _delays(frame: pl.DataFrame, of: str) -> Iterable[Trend]:
-    delay = frame.filter((pl.col("axis") == "x") & pl.col("time_delay_s").is_not_null())
-    if len(delay):
-        value, std = (1e3 * delay[name].cast(pl.Float64).fill_null(np.nan).to_numpy()[:, None]
-                      for name in ("time_delay_s", "time_delay_std_s"))  # fmt: skip
-        stamp = delay["start_utc"].dt.epoch("ns").to_numpy().astype(np.int64)
-        yield Trend(f"Time delay of the sub-IMU{of}", "ms", stamp, value, std, ["time delay"], tab="Accuracy")
-
-
-def _by_axis(frame: pl.DataFrame, column: str) -> tuple[IntArray, FloatArray]:
-    """Stamps (k,) and values (k, 3), NaN where unknown."""
-    parts = [frame.filter(pl.col("axis") == axis).sort("key") for axis in AXES]
-    stamp = parts[0]["start_utc"].dt.epoch("ns").to_numpy().astype(np.int64)
-    return stamp, np.stack([part[column].cast(pl.Float64).fill_null(np.nan).to_numpy() for part in parts], axis=1)
-
-
-def _drawn(fit: Fitted, epoch: int) -> Fit | None:
-    """The line over its own dates."""
-    if not np.isfinite(fit.line.slope):
-        return None
-    x = np.linspace(fit.x.min(), fit.x.max(), DRAWN)
-    return Fit(epoch + x * MONTH_NS, *fit.line.at(x))
-
-
-def _relations(group: Group, several: bool) -> Iterable[Relation]:
-    of = f", {group.name}" if several else ""
-    for axis, fit in zip(NAMES, group.laws):
-        if not np.isfinite(fit.line.slope):
-            continue
-        x = np.linspace(fit.x.min(), fit.x.max(), DRAWN)
-        value, std = fit.line.at(x)
-        curve = np.exp(value)
-        yield Relation(
-            f"Flexure about {axis} against the sea{of}",
-            "pitch and roll rate of the ship, σ [deg/s]", "flexure σ [arcmin]",
-            np.exp(fit.x), np.exp(fit.y), np.exp(fit.y) * fit.std, Fit(np.exp(x), curve, curve * std),
-        )  # fmt: skip

@@ -48,8 +48,8 @@ class Fitted:
 class Group:
     """Logs of one installation. drifts: of the static angle per axis, arcmin per month.
 
-    laws: ln flexure against ln sea, per axis. reports: of the diagnoses; effects: what they say together.
-    epoch: ns UTC, where the months count from.
+    laws: ln flexure against ln sea, per axis. reports: of the diagnoses, dates (k,) ns UTC theirs; effects: what they
+    say together. epoch: ns UTC, where the months count from.
     """
 
     name: str
@@ -58,6 +58,7 @@ class Group:
     drifts: tuple[Fitted, Fitted, Fitted]
     laws: tuple[Fitted, Fitted, Fitted]
     reports: Reports
+    dates: IntArray
     effects: tuple[Repetition, ...]
 
     @property
@@ -112,11 +113,12 @@ def worst_of(done: pl.DataFrame, count: int = WORST) -> pl.DataFrame:
 
 def _group(name: str, frame: pl.DataFrame) -> Group:
     epoch = _stamps(frame).min() if len(frame) else 0
-    reports = [(row[0], json.loads(row[1])) for row in frame.select("name", "evidence").rows() if row[1]]
+    diagnosed = frame.filter(pl.col("evidence").is_not_null())
+    reports = [(name, json.loads(text)) for name, text in diagnosed.select("name", "evidence").rows()]
     drifts = [_drift(_axis(frame, axis), int(epoch)) for axis in AXES]
     laws = [_law(_axis(frame, axis)) for axis in AXES]
     return Group(name, frame, int(epoch), (drifts[0], drifts[1], drifts[2]), (laws[0], laws[1], laws[2]),
-                 reports, repeated(reports))  # fmt: skip
+                 reports, _stamps(diagnosed), repeated(reports))  # fmt: skip
 
 
 def _axis(frame: pl.DataFrame, axis: str) -> pl.DataFrame:

@@ -35,6 +35,10 @@ class Standing(StrEnum):
     ABSENT = "not seen"
 
 
+FIRM = (Standing.REPEATS, Standing.VARIES)
+"""How an effect stands that is sure to be there in more than one voyage."""
+
+
 @dataclass(frozen=True)
 class Observation:
     """What one log says of an effect.

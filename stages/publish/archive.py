@@ -14,18 +14,19 @@ AGAINST_THE_SEA = "Flexure against the sea"
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted line with its standard deviation, to be drawn beside points: x, value, std (j,)."""
+    """A fitted line with its standard deviation, to be drawn beside points: x, value, std (j,). name: what it is."""
 
     x: FloatArray
     value: FloatArray
     std: FloatArray
+    name: str = "fitted"
 
 
 @dataclass(frozen=True)
 class Trend:
     """One figure against date. stamp: (k,) ns UTC. values, std: (k, m), std None where there is none. names: m.
 
-    fit: the line through them, its x in ns UTC. tab: the part of the recording that it belongs to.
+    fits: the lines through them, their x in ns UTC. tab: the part of the recording that it belongs to.
     """
 
     title: str
@@ -34,7 +35,7 @@ class Trend:
     values: FloatArray
     std: FloatArray | None
     names: Sequence[str]
-    fit: Fit | None = None
+    fits: Sequence[Fit] = ()
     tab: str = "Trends"
 
 

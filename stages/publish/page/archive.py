@@ -48,7 +48,7 @@ def _trend_plot(trend: Trend, x: Axis) -> Plot:
     t = trend.stamp[some].astype(float)
     parts = [Points(t, values[:, i], std[:, i], PALETTE[i % len(PALETTE)], name) for i, name in enumerate(trend.names)]
     y = Axis(*span_of([values - std, values + std], zero=False), f"[{trend.label}]")
-    return Plot(trend.title + said, x, y, [*_fit_parts(trend.fit), *parts], height=190.0)
+    return Plot(trend.title + said, x, y, [*_lines(trend.fits), *parts], height=190.0)
 
 
 def _thinned(count: int) -> tuple[slice, str]:
@@ -57,12 +57,18 @@ def _thinned(count: int) -> tuple[slice, str]:
     return slice(None, None, max(every, 1)), f" (one log in {every} is drawn)" if every > 1 else ""
 
 
-def _fit_parts(fit: Fit | None) -> list[Line | Band | Points]:
-    """The line and the band of one sigma about it."""
-    if fit is None or not np.isfinite(fit.value).all():
-        return []
-    band = Band(fit.x, fit.value - fit.std, fit.value + fit.std, GREY, "± one sigma of the line")
-    return [band, Line(fit.x, fit.value, GREY, "fitted", dashed=True)]
+def _lines(fits: Iterable[Fit]) -> list[Line | Band | Points]:
+    """The lines, each with the band of one sigma about it; the legend names what is alike once."""
+    parts: list[Line | Band | Points] = []
+    named: set[str] = set()
+    for fit in fits:
+        if not np.isfinite(fit.value).all():
+            continue
+        band, name = ("", "") if fit.name in named else ("± one sigma of the line", fit.name)
+        parts.append(Band(fit.x, fit.value - fit.std, fit.value + fit.std, GREY, band))
+        parts.append(Line(fit.x, fit.value, GREY, name, dashed=True))
+        named.add(fit.name)
+    return parts
 
 
 def _relation_plot(relation: Relation) -> Plot:
@@ -71,7 +77,7 @@ def _relation_plot(relation: Relation) -> Plot:
     x = Axis(*span_of([at], zero=False), relation.x_label)
     y = Axis(*span_of([value - std, value + std], zero=False), relation.y_label)
     dots = Points(at, value, std, BLUE, "a log")
-    return Plot(relation.title + said, x, y, [*_fit_parts(relation.fit), dots], height=190.0)
+    return Plot(relation.title + said, x, y, [*_lines([relation.fit] if relation.fit else []), dots], height=190.0)
 
 
 def _listed(listing: Listing) -> Html:

@@ -28,17 +28,19 @@ MOST_LETTERS = 28  # of a cell
 SEA = "sea"
 KNOWN: dict[str, Colour] = {"RMSE against truth": GREEN, "RMSE against PHINS": ORANGE, "predicted σ": BLUE}
 MARKER = rr.components.MarkerShape
-FITTED = ("fitted", "one sigma above", "one sigma below")
+EDGES = ("one sigma above", "one sigma below")
 
 
 def write_archive(report: ArchiveReport, path: Path) -> None:
     """Write the recording of an archive."""
     trends = [trend for trend in report.trends if np.isfinite(trend.values).any()]
-    axis = layout.axis_over(_span(trends))
+    span = _span(trends)
+    axis = layout.axis_over(span)
     entities = [f"trend_{index:02d}_{_plain(trend.title)}" for index, trend in enumerate(trends)]
     charts = [f"relation_{index:02d}_{_plain(one.title)}" for index, one in enumerate(report.relations)]
 
     def log(rec: rr.RecordingStream) -> None:
+        _send(rec, "span", np.rint(1e9 * np.array(span)).astype(np.int64), np.full(2, np.nan))  # for the cursor's start
         for trend, entity in zip(trends, entities):
             _log_trend(rec, trend, entity)
         for name, entity in _keys(trends).items():
@@ -120,17 +122,22 @@ def _colours_of(trends: Sequence[Trend]) -> list[tuple[str, Colour]]:
     """What a tab's points, whiskers and lines are, each once."""
     named = {name: colour for trend in trends for name, colour in zip(trend.names, _colours(trend))}
     spread = [("upright line: ±σ", GREY)] if any(trend.std is not None for trend in trends) else []
-    fitted = [("line fitted, ±σ", GREY)] if any(trend.fit is not None for trend in trends) else []
-    return [*named.items(), *spread, *fitted]
+    lines = dict.fromkeys(f"line {fit.name}, ±σ" for trend in trends for fit in trend.fits)
+    return [*named.items(), *spread, *((line, GREY) for line in lines)]
 
 
 def _colours(trend: Trend) -> list[Colour]:
     """Of each name: an axis keeps its colour, a reference its own."""
     return [
-        AXIS_COLOURS["xyz".index(name[0])] if name[1:2] == " " and name[0] in "xyz" else
-        KNOWN.get(name, COLOURS[i % len(COLOURS)])
+        AXIS_COLOURS["xyz".index(axis)] if (axis := _axis_in(name)) else KNOWN.get(name, COLOURS[i % len(COLOURS)])
         for i, name in enumerate(trend.names)
-    ]  # fmt: skip
+    ]
+
+
+def _axis_in(name: str) -> str:
+    """The axis that ``x``, ``x (pitch)`` and ``damping.x`` are about; empty where a name tells of none."""
+    found = re.fullmatch(r"(?:.*\.)?([xyz])(?: .*)?", name)
+    return found[1] if found else ""
 
 
 def _view(trend: Trend, entity: str, axis: rrb.TimeAxis) -> rrb.View:
@@ -151,9 +158,10 @@ def _span(trends: Sequence[Trend]) -> tuple[float, float]:
 
 
 def _log_trend(rec: rr.RecordingStream, trend: Trend, entity: str) -> None:
-    """The fitted line with its band, and the points, each with a whisker of one sigma."""
-    if trend.fit is not None and np.isfinite(trend.fit.value).all():
-        _log_fit(rec, trend.fit, f"{entity}/fit")
+    """The fitted lines with their bands, and the points, each with a whisker of one sigma."""
+    for index, fit in enumerate(trend.fits):
+        if np.isfinite(fit.value).all():
+            _log_fit(rec, fit, f"{entity}/fit_{index}")
     order = np.argsort(trend.stamp, kind="stable")
     for i, (name, colour) in enumerate(zip(trend.names, _colours(trend))):
         value = trend.values[order, i]
@@ -189,7 +197,8 @@ def _points(
 
 def _log_fit(rec: rr.RecordingStream, fit: Fit, entity: str) -> None:
     stamp = np.rint(fit.x).astype(np.int64)
-    for name, value, width in zip(FITTED, (fit.value, fit.value + fit.std, fit.value - fit.std), (1.8, 0.8, 0.8)):
+    names = (fit.name, *EDGES)
+    for name, value, width in zip(names, (fit.value, fit.value + fit.std, fit.value - fit.std), (1.8, 0.8, 0.8)):
         where = f"{entity}/{_plain(name)}"
         rec.log(where, rr.SeriesLines(names=[name], colors=[GREY], widths=[width]), static=True)
         _send(rec, where, stamp, value)

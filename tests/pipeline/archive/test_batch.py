@@ -143,6 +143,7 @@ def test_catalogue_answers_queries(copied, deckflex):
 
 def test_catalogue_writes_page_and_recording(copied, deckflex, tmp_path):
     from tests.stages.publish.page.reading import loads_from_elsewhere, read
+    from tests.stages.publish.test_rerun_bridge import column_text
 
     page, recording = tmp_path / "archive.html", tmp_path / "archive.rrd"
     told = deckflex("catalogue", copied, "--report", page, "--rrd", recording)
@@ -153,6 +154,10 @@ def test_catalogue_writes_page_and_recording(copied, deckflex, tmp_path):
     for words in ("Static angle about z (heading)", "bad/degrees.mcap", "Flexure about x (pitch) against the sea"):
         assert words in shown.texts["body"]
     assert recording.stat().st_size > 50_000
+    assert str(tmp_path) not in page.read_text("utf-8")
+    text = column_text(recording, "/summary")
+    assert copied.name in text
+    assert str(copied.parent) not in text
 
 
 def test_an_entry_that_was_spoilt_is_told_of_and_the_rest_stands(copied, deckflex):

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from pipeline.archive.repeated import repeated
-from pipeline.archive.reporting import archive_report, effect_rows
+from pipeline.archive.reporting import archive_report, effect_rows, size_rows
 from pipeline.archive.rows import SCHEMA, frame_of
 from pipeline.archive.survey import survey_document, surveyed
 from stages.archive.repetition import Standing
@@ -142,9 +142,35 @@ def test_effects_of_many_logs_are_put_together(entry):
     assert (found.effect, found.nats, found.named) == ("time_delay", 109.0, 2)
     assert found.standing is Standing.VARIES
     assert found.against == ("voyage-2.mcap",)
-    cells = effect_rows(group)[0]
-    assert "delay 0.00405" in cells[-1]
-    assert "the logs disagree" in cells[-1]
+    assert effect_rows(group)[0][1:] == ("time_delay", str(Standing.VARIES), "109.0", "1", "2")
+    (size,) = size_rows(group)
+    assert size[1:] == ("time_delay", "delay", "0.00405 ± 5e-05 s", "50.0 of 1", "disagree")
+
+
+def test_verdicts_are_counted_and_logs_without_one_named(entry):
+    reports = {0: report(effect("time_delay", 50.0, delay=(0.004, 1e-5))), 1: report(), 2: None}
+    rows = varied(entry, 3, diagnosis=lambda k: reports[k])
+    rows[2]["diagnosis_problem"] = "the log holds 40.0 s; a diagnosis needs 60 s"
+    listings = {one.title: one.rows for one in archive_report(surveyed(framed(rows)), "ship", (), {}).listings}
+    assert listings["Verdicts of the diagnoses"] == [("explained", "2", "97.0")]
+    assert listings["Without a diagnosis"] == [("voyage-2.mcap", rows[2]["diagnosis_problem"])]
+    assert listings["Effects over the voyages"][0][-1] == "voyage-0.mcap"
+    assert "Size of the effects that repeat" not in listings
+
+
+def test_sizes_of_a_repeating_effect_are_drawn_over_the_voyages_with_the_common_one(entry):
+    def sized(value):
+        one = effect("lever_arm", 90.0)
+        one["parameters"] = {axis: {"value": value * k, "std": 0.01, "unit": "m"} for k, axis in enumerate("xyz", 1)}
+        return report(one)
+
+    rows = varied(entry, 3, diagnosis=lambda k: {0: sized(0.05), 1: report(), 2: sized(0.06)}[k])
+    (trend,) = (one for one in archive_report(surveyed(framed(rows)), "ship", (), {}).trends if one.tab == "Effects")
+    assert (trend.title, trend.label, trend.names) == ("lever_arm", "m", ["x", "y", "z"])
+    np.testing.assert_allclose(trend.values, np.outer([0.05, 0.06], [1, 2, 3]))
+    assert np.ptp(trend.stamp) == 28 * 86_400_000_000_000
+    assert [fit.value[0] for fit in trend.fits] == pytest.approx([0.055, 0.11, 0.165])
+    assert {fit.name for fit in trend.fits} == {"common value"}
 
 
 def test_the_same_effect_about_another_axis_is_another_effect():

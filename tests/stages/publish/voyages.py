@@ -16,7 +16,7 @@ def static_trend() -> Trend:
     values = line + 0.3 * np.sin(np.arange(24))
     fit = Fit(t[[0, -1]], line[[0, -1]], np.array([0.2, 0.2]))
     return Trend("Static angle about z (heading)", "arcmin", STAMP, values[:, None], np.full((24, 1), 0.4),
-                 (AXES[2],), fit, "Static angle")  # fmt: skip
+                 (AXES[2],), [fit], "Static angle")  # fmt: skip
 
 
 def archive_report() -> ArchiveReport:

@@ -46,10 +46,15 @@ def test_every_voyage_stands_at_its_date_with_its_sigma(path):
     np.testing.assert_array_equal(at[::3], STAMP)
     np.testing.assert_allclose(ends.reshape(-1, 3)[:, :2], trend.values + np.array([-0.4, 0.4]))
     assert np.isnan(ends[2::3]).all()
-    np.testing.assert_allclose(dated(found[f"{STATIC}/fit/fitted"])[1], trend.fit.value)
+    np.testing.assert_allclose(dated(found[f"{STATIC}/fit_0/fitted"])[1], trend.fits[0].value)
     errors = dated(found["/trend_01_rmse_against_truth/y_roll"])
     assert len(errors[0]) == 23  # the one that is not known is no point
     assert not any("nothing" in entity for entity in found)
+
+
+def test_the_cursor_starts_before_the_first_voyage(path):
+    first = dated(chunks(path)["/span"])[0][0]
+    assert first < STAMP[0] - 86_400_000_000_000
 
 
 def test_axes_keep_their_colours(path):
@@ -105,7 +110,7 @@ def test_the_page_draws_line_band_and_points():
 def test_the_page_of_a_huge_archive_stays_small():
     n = 100_000
     stamp = STAMP[0] + np.arange(n) * 3_600_000_000_000
-    trend = replace(static_trend(), stamp=stamp, values=np.ones((n, 1)), std=np.ones((n, 1)), fit=None)
+    trend = replace(static_trend(), stamp=stamp, values=np.ones((n, 1)), std=np.ones((n, 1)), fits=())
     html = archive_page(replace(archive_report(), trends=(trend,), relations=()))
     assert read(html).count("circle") <= 1500
     assert "(one log in 67 is drawn)" in html
