@@ -1,18 +1,36 @@
-"""Quaternions x, y, z, w in bulk, plain numpy: for long records, where rotation objects cost more than the sums.
+"""Quaternions x, y, z, w in bulk: for long records, where rotation objects cost more than the sums.
+
+Few of them in plain numpy; many compiled, which is loaded only then.
 
 All are unit quaternions with the shape (..., 4); ``multiply(q_a_b, q_b_c)`` is ``q_a_c``, as with matrices.
 """
 
 from __future__ import annotations
 
+from types import ModuleType
+
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+MANY = 20_000  # numbers beyond which compiled loops pay
+
+
+def _many(*arrays: FloatArray) -> bool:
+    return any(array.size > MANY for array in arrays) and all(array.dtype == np.float64 for array in arrays)
+
+
+def _compiled() -> ModuleType:
+    from physics import quaternion_loops
+
+    return quaternion_loops
+
 
 def multiply(left: FloatArray, right: FloatArray) -> FloatArray:
     """Product (..., 4): the rotation ``right`` followed by the rotation ``left``."""
+    if _many(left, right):
+        return np.asarray(_compiled().multiply(left, right))
     ax, ay, az, aw = np.moveaxis(left, -1, 0)
     bx, by, bz, bw = np.moveaxis(right, -1, 0)
     return np.stack(
@@ -50,6 +68,8 @@ def log(q: FloatArray) -> FloatArray:
 
 def rotate(q: FloatArray, vector: FloatArray) -> FloatArray:
     """The vector (..., 3) carried by the rotation: ``v_a = R_a_b v_b`` for ``q = q_a_b``."""
+    if _many(q, vector):
+        return np.asarray(_compiled().rotate(q, vector))
     axis, scalar = q[..., :3], q[..., 3:]
     twice = 2.0 * cross(axis, vector)
     return vector + scalar * twice + cross(axis, twice)
@@ -57,6 +77,8 @@ def rotate(q: FloatArray, vector: FloatArray) -> FloatArray:
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """``a x b`` of (..., 3) arrays; several times as fast as numpy's."""
+    if _many(a, b):
+        return np.asarray(_compiled().cross(a, b))
     ax, ay, az = np.moveaxis(a, -1, 0)
     bx, by, bz = np.moveaxis(b, -1, 0)
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)

@@ -163,8 +163,11 @@ def extended(base: Baseline, more: Sequence[Nuisance]) -> Baseline:
     """The baseline with further regressors that have priors."""
     if not more:
         return base
-    raw = np.stack([nuisance.column for nuisance in more], axis=2)
-    columns = np.concatenate([base.columns, whitening.whiten_columns(base.whitened, raw)], axis=2)
+    columns = np.concatenate([base.columns, np.empty((*base.columns.shape[:2], len(more)))], axis=2)
+    for first in range(0, len(more), whitening.LANES):
+        raw = np.stack([nuisance.column for nuisance in more[first : first + whitening.LANES]], axis=2)
+        place = base.columns.shape[2] + first
+        columns[:, :, place : place + raw.shape[2]] = whitening.whiten_columns(base.whitened, raw)
     return replace(base, nuisances=(*base.nuisances, *more), columns=columns)
 
 

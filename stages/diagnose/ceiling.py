@@ -17,7 +17,7 @@ from physics.units import STANDARD_GRAVITY
 from schemas.rig import FloatArray
 from stages.diagnose import slow, whitening
 from stages.diagnose.baseline import Baseline
-from stages.diagnose.evidence import Gram, gram, held_out, solve
+from stages.diagnose.evidence import Gram, Table, held_out, solve
 from twin.effects._prediction import LogView, Signals, on_axis
 
 LAGS_S = (-0.6, -0.2, 0.2, 0.6)
@@ -49,21 +49,28 @@ def families(
     """
     y = y[:, : base.whitened.values.shape[1]]
     out = []
+    known = Table.of(
+        [found.names[k] for k in kept], white[:, : y.shape[1]], y, base.t, found.precision[kept], chosen=kept
+    )
     swinging = _swinging_clock(base, view, found, white, kept, y)
     for name, (channel, made) in {**FAMILIES, SWINGING: ("sub.stamp", swinging)}.items():
         if channel.startswith("phins") and base.match is None:
             continue
-        raw = base.response.many(made(view))
-        own = whitening.whiten_columns(base.whitened, raw)
-        size = np.sqrt(np.sum(own**2, axis=(0, 1)))
-        own = own[:, :, size > 0.0] / size[size > 0.0]
+        own = _of_unit_size(whitening.whiten_columns(base.whitened, base.response.many(made(view))))
         names = [f"{name} {k}" for k in range(own.shape[2])]
-        columns = np.concatenate([white[:, : own.shape[1], kept], own], axis=2)
-        precision = np.concatenate([found.precision[kept], np.full(len(names), 1.0 / 400.0)])
-        joint = gram([*(found.names[k] for k in kept), *names], columns, y, base.t, precision)
+        joint = known.widened(names, own, np.full(len(names), 1.0 / 400.0))
         gained = held_out(joint, range(len(kept)), range(len(kept), len(kept) + len(names)))
         out.append(Family(name, gained, channel, _axis(own, y)))
     return tuple(sorted(out, key=lambda family: -family.gain.sum()))
+
+
+def _of_unit_size(columns: FloatArray) -> FloatArray:
+    """Columns (N, m, K) over their sizes, those without any left out."""
+    size = np.sqrt(np.einsum("nmk,nmk->k", columns, columns))
+    if not size.all():
+        columns, size = columns[:, :, size > 0.0], size[size > 0.0]
+    columns /= size
+    return columns
 
 
 def _swinging_clock(base: Baseline, view: LogView, found: Gram, white: FloatArray, kept: list[int], y: FloatArray

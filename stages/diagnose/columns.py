@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 
 import numpy as np
@@ -17,87 +17,94 @@ from stages.diagnose.whitening import step_means
 from stages.paired import Observations
 from twin.effects._prediction import Signals
 
-TOGETHER = 8  # signals propagated at once: a vector register or two
+TOGETHER = 8  # signals side by side in memory, one cache line of them
+PIECE = 8192  # samples of each at a time: what they add to the steps stays in the cache
+NOTHING = np.zeros((0, 3))
 
 
 @njit(cache=True, nogil=True)
-def _matrix(q, out):  # type: ignore[no-untyped-def]
-    """out (9,) row by row := the rotation of a unit quaternion (4,)."""
+def _matrix(q):  # type: ignore[no-untyped-def]
+    """The rotation (9,), row by row, of a unit quaternion (4,)."""
     x, y, z, w = q[0], q[1], q[2], q[3]
-    out[0], out[1], out[2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
-    out[3], out[4], out[5] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
-    out[6], out[7], out[8] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
+    return (
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
+        2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
+        2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y),
+    )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _propagate(middle, end, force, dt, gyro, accel, index, B, step_dt, omega, out):  # type: ignore[no-untyped-def]
-    """alpha' = A gyro, V' = alpha x f + A accel, for K signals at once, as what they add to (N, 9, K) observations.
+def _propagate(first, last, middle, end, force, dt, gyro, accel, index, B, step_dt, omega, state, begun, out, at):  # type: ignore[no-untyped-def]
+    """alpha' = A gyro, V' = alpha x f + A accel over the samples from ``first`` to before ``last``, as what a signal,
+    the one ``at``, adds to (N, 9, K) observations.
 
-    middle: (n, 4) attitude of the sub-IMU's axes half a sample before the samples; end: of the main IMU at them. gyro:
-    (K, n, 3), accel: (K, n or 0, 3), s-axes. With angle = A^T alpha and speed = A^T V: z is the angle at the ends of
-    the steps, u the trapezoid mean of the speed less what the model takes off for the moving lever, q less the mean
-    angle. B: (3, 3) coupling; step_dt: (N,), omega: (N, 3) of the steps.
+    middle: (n, 4) attitude of the sub-IMU's axes half a sample before the samples; end: of the main IMU at them. gyro,
+    accel: (n or 0, 3) s-axes. With angle = A^T alpha and speed = A^T V: z is the angle at the ends of the steps, u the
+    trapezoid mean of the speed less what the model takes off for the moving lever, q less the mean angle. B: (3, 3)
+    coupling; step_dt: (N,), omega: (N, 3) of the steps. state: (5, 3), and begun: (2,), the step and its first sample,
+    are carried on. All in scalars, which stay in registers.
     """
-    K = len(gyro)
-    M, A = np.empty(9), np.empty(9)
-    a, v, before = np.zeros((3, K)), np.zeros((3, K)), np.zeros((3, K))
-    angle, speed = np.zeros((3, K)), np.zeros((3, K))
-    angles, speeds = np.zeros((3, K)), np.zeros((3, K))  # sums over the step; half the speed at its start is in
-    step, first = 0, 0
-    for k in range(index[-1] + 1):
+    a0, a1, a2 = state[0]
+    v0, v1, v2 = state[1]
+    sa0, sa1, sa2 = state[2]  # sums over the step; half the speed at its start is in
+    sv0, sv1, sv2 = state[3]
+    z0, z1, z2 = state[4]  # the angle at the start of the step
+    step, since = begun[0], begun[1]
+    turns, pushes = len(gyro) > 0, len(accel) > 0
+    for k in range(first, last):
         if k > 0:
             h = dt[k]
-            _matrix(middle[k], M)
+            m0, m1, m2, m3, m4, m5, m6, m7, m8 = _matrix(middle[k])
             f0, f1, f2 = h * force[k, 0], h * force[k, 1], h * force[k, 2]
-            for q in range(K):
-                g0, g1, g2 = h * gyro[q, k, 0], h * gyro[q, k, 1], h * gyro[q, k, 2]
-                d0 = M[0] * g0 + M[1] * g1 + M[2] * g2
-                d1 = M[3] * g0 + M[4] * g1 + M[5] * g2
-                d2 = M[6] * g0 + M[7] * g1 + M[8] * g2
-                b0, b1, b2 = a[0, q] + 0.5 * d0, a[1, q] + 0.5 * d1, a[2, q] + 0.5 * d2
-                a[0, q] += d0
-                a[1, q] += d1
-                a[2, q] += d2
-                v[0, q] += b1 * f2 - b2 * f1
-                v[1, q] += b2 * f0 - b0 * f2
-                v[2, q] += b0 * f1 - b1 * f0
-            if accel.shape[1] > 0:
-                for q in range(K):
-                    g0, g1, g2 = h * accel[q, k, 0], h * accel[q, k, 1], h * accel[q, k, 2]
-                    v[0, q] += M[0] * g0 + M[1] * g1 + M[2] * g2
-                    v[1, q] += M[3] * g0 + M[4] * g1 + M[5] * g2
-                    v[2, q] += M[6] * g0 + M[7] * g1 + M[8] * g2
-            _matrix(end[k], A)
-            for i in range(3):
-                for q in range(K):
-                    angle[i, q] = A[i] * a[0, q] + A[3 + i] * a[1, q] + A[6 + i] * a[2, q]
-                    speed[i, q] = A[i] * v[0, q] + A[3 + i] * v[1, q] + A[6 + i] * v[2, q]
-                    angles[i, q] += angle[i, q]
-                    speeds[i, q] += speed[i, q]
+            d0, d1, d2 = 0.0, 0.0, 0.0
+            if turns:
+                g0, g1, g2 = h * gyro[k, 0], h * gyro[k, 1], h * gyro[k, 2]
+                d0 = m0 * g0 + m1 * g1 + m2 * g2
+                d1 = m3 * g0 + m4 * g1 + m5 * g2
+                d2 = m6 * g0 + m7 * g1 + m8 * g2
+            b0, b1, b2 = a0 + 0.5 * d0, a1 + 0.5 * d1, a2 + 0.5 * d2
+            a0, a1, a2 = a0 + d0, a1 + d1, a2 + d2
+            v0, v1, v2 = v0 + b1 * f2 - b2 * f1, v1 + b2 * f0 - b0 * f2, v2 + b0 * f1 - b1 * f0
+            if pushes:
+                g0, g1, g2 = h * accel[k, 0], h * accel[k, 1], h * accel[k, 2]
+                v0 += m0 * g0 + m1 * g1 + m2 * g2
+                v1 += m3 * g0 + m4 * g1 + m5 * g2
+                v2 += m6 * g0 + m7 * g1 + m8 * g2
+        m0, m1, m2, m3, m4, m5, m6, m7, m8 = _matrix(end[k])
+        x0, x1, x2 = m0 * a0 + m3 * a1 + m6 * a2, m1 * a0 + m4 * a1 + m7 * a2, m2 * a0 + m5 * a1 + m8 * a2
+        s0, s1, s2 = m0 * v0 + m3 * v1 + m6 * v2, m1 * v0 + m4 * v1 + m7 * v2, m2 * v0 + m5 * v1 + m8 * v2
+        sa0, sa1, sa2 = sa0 + x0, sa1 + x1, sa2 + x2
+        sv0, sv1, sv2 = sv0 + s0, sv1 + s1, sv2 + s2
         if k != index[step]:
             continue
-        count = k + 1 if step == 0 else k - first
-        w0, w1, w2 = omega[step, 0], omega[step, 1], omega[step, 2]
-        for q in range(K):
-            for i in range(3):
-                out[step, i, q] = angle[i, q]
-                out[step, 6 + i, q] = -angles[i, q] / count
-                out[step, 3 + i, q] = speed[i, q] if step == 0 else (speeds[i, q] - 0.5 * speed[i, q]) / count
-            if step > 0:
-                x0, x1, x2 = angle[0, q] - before[0, q], angle[1, q] - before[1, q], angle[2, q] - before[2, q]
-                y0, y1, y2 = angle[0, q] + before[0, q], angle[1, q] + before[1, q], angle[2, q] + before[2, q]
-                m0 = 0.5 * (B[0, 0] * y0 + B[0, 1] * y1 + B[0, 2] * y2)
-                m1 = 0.5 * (B[1, 0] * y0 + B[1, 1] * y1 + B[1, 2] * y2)
-                m2 = 0.5 * (B[2, 0] * y0 + B[2, 1] * y1 + B[2, 2] * y2)
-                h = step_dt[step]
-                out[step, 3, q] -= (B[0, 0] * x0 + B[0, 1] * x1 + B[0, 2] * x2) / h + w1 * m2 - w2 * m1
-                out[step, 4, q] -= (B[1, 0] * x0 + B[1, 1] * x1 + B[1, 2] * x2) / h + w2 * m0 - w0 * m2
-                out[step, 5, q] -= (B[2, 0] * x0 + B[2, 1] * x1 + B[2, 2] * x2) / h + w0 * m1 - w1 * m0
-            for i in range(3):
-                before[i, q] = angle[i, q]
-                angles[i, q] = 0.0
-                speeds[i, q] = 0.5 * speed[i, q]
-        step, first = step + 1, k
+        count = k + 1 if step == 0 else k - since
+        out[step, 0, at], out[step, 1, at], out[step, 2, at] = x0, x1, x2
+        out[step, 6, at], out[step, 7, at], out[step, 8, at] = -sa0 / count, -sa1 / count, -sa2 / count
+        if step == 0:
+            out[step, 3, at], out[step, 4, at], out[step, 5, at] = s0, s1, s2
+        else:
+            h, w0, w1, w2 = step_dt[step], omega[step, 0], omega[step, 1], omega[step, 2]
+            r0, r1, r2 = (x0 - z0) / h, (x1 - z1) / h, (x2 - z2) / h
+            y0, y1, y2 = 0.5 * (x0 + z0), 0.5 * (x1 + z1), 0.5 * (x2 + z2)
+            l0 = B[0, 0] * y0 + B[0, 1] * y1 + B[0, 2] * y2
+            l1 = B[1, 0] * y0 + B[1, 1] * y1 + B[1, 2] * y2
+            l2 = B[2, 0] * y0 + B[2, 1] * y1 + B[2, 2] * y2
+            moved0 = B[0, 0] * r0 + B[0, 1] * r1 + B[0, 2] * r2 + w1 * l2 - w2 * l1
+            moved1 = B[1, 0] * r0 + B[1, 1] * r1 + B[1, 2] * r2 + w2 * l0 - w0 * l2
+            moved2 = B[2, 0] * r0 + B[2, 1] * r1 + B[2, 2] * r2 + w0 * l1 - w1 * l0
+            out[step, 3, at] = (sv0 - 0.5 * s0) / count - moved0
+            out[step, 4, at] = (sv1 - 0.5 * s1) / count - moved1
+            out[step, 5, at] = (sv2 - 0.5 * s2) / count - moved2
+        z0, z1, z2 = x0, x1, x2
+        sa0, sa1, sa2 = 0.0, 0.0, 0.0
+        sv0, sv1, sv2 = 0.5 * s0, 0.5 * s1, 0.5 * s2
+        step, since = step + 1, k
+    state[0, 0], state[0, 1], state[0, 2] = a0, a1, a2
+    state[1, 0], state[1, 1], state[1, 2] = v0, v1, v2
+    state[2, 0], state[2, 1], state[2, 2] = sa0, sa1, sa2
+    state[3, 0], state[3, 1], state[3, 2] = sv0, sv1, sv2
+    state[4, 0], state[4, 1], state[4, 2] = z0, z1, z2
+    begun[0], begun[1] = step, since
 
 
 class Response:
@@ -106,19 +113,31 @@ class Response:
     coupling: (3, 3) of flexure into the lever arm, as the model has it.
     """
 
-    def __init__(self, obs: Observations, R_m_s: FloatArray, coupling: FloatArray) -> None:
-        self.obs, self.coupling = obs, np.ascontiguousarray(coupling)
+    def __init__(
+        self, obs: Observations, R_m_s: FloatArray, coupling: FloatArray, samples: IntArray | None = None
+    ) -> None:
+        """samples: (k,) those at which signals are given, ends of the steps among them; all by default."""
+        kept = np.arange(len(obs.t)) if samples is None else samples
+        self.obs, self.R_m_s, self.coupling = obs, R_m_s, np.ascontiguousarray(coupling)
         self.mounted = left_jacobian(log(R_m_s))
-        self.dt = np.diff(obs.t, prepend=obs.t[0])
-        self.force = np.zeros_like(obs.sub.velocity)
-        self.force[1:] = np.diff(obs.sub.velocity, axis=0) / self.dt[1:, None]
-        half = quaternions.multiply(obs.main.attitude[:-1], quaternions.exp(0.5 * self._turned()))
-        middle = np.concatenate([obs.main.attitude[:1], half])
+        self.t, self.index = obs.t[kept], np.searchsorted(kept, obs.index)
+        self.attitude, velocity = obs.main.attitude[kept], obs.sub.velocity[kept]
+        self.dt = np.diff(self.t, prepend=self.t[0])
+        self.force = np.zeros_like(velocity)
+        self.force[1:] = np.diff(velocity, axis=0) / self.dt[1:, None]
+        half = quaternions.multiply(self.attitude[:-1], quaternions.exp(0.5 * self._turned()))
+        middle = np.concatenate([self.attitude[:1], half])
         self.middle = quaternions.multiply(middle, quaternions.exp(log(R_m_s))[None, :])
 
     def _turned(self) -> FloatArray:
-        q = self.obs.main.attitude
+        q = self.attitude
         return quaternions.log(quaternions.multiply(quaternions.conjugate(q[:-1]), q[1:]))
+
+    def of_slow(self, interval: float) -> Response:
+        """The same for signals that hardly change within ``interval`` s, to be given at fewer instants, ``t``."""
+        every = max(1, round(interval / float(np.median(self.dt))))
+        kept = np.union1d(np.arange(0, len(self.t), every), self.index)
+        return Response(self.obs, self.R_m_s, self.coupling, kept)
 
     def __call__(self, signals: Signals) -> FloatArray:
         """(N, 9) rad, m/s, rad."""
@@ -126,41 +145,46 @@ class Response:
 
     def many(self, signals: Iterable[Signals]) -> FloatArray:
         """(N, 9, K) of K signals, a few of which are held at a time."""
+        parts = list(self.parts(signals))
+        return np.concatenate(parts, axis=2) if parts else np.zeros((len(self.index), 9, 0))
+
+    def parts(self, signals: Iterable[Signals]) -> Iterator[FloatArray]:
+        """(N, 9, k) of the next k of many signals, TOGETHER at most."""
         left = iter(signals)
-        parts = []
         while some := list(islice(left, TOGETHER)):
-            part = np.zeros((len(self.obs.index), 9, len(some)))
+            part = np.zeros((len(self.index), 9, len(some)))
             self._sensors(some, part)
             for k, one in enumerate(some):
                 self._deck(one, part[:, :, k])
-            parts.append(part)
-        return np.concatenate(parts, axis=2) if parts else np.zeros((len(self.obs.index), 9, 0))
+            yield part
 
     def _deck(self, signals: Signals, out: FloatArray) -> None:
         if signals.bending is not None:  # it moves the lever arm as the model says, so that u is left as it is
-            out[:, 0:3] += signals.bending[self.obs.index]
+            out[:, 0:3] += signals.bending[self.index]
         if signals.mount is not None:
-            z = signals.mount[self.obs.index] @ self.mounted.T
+            z = signals.mount[self.index] @ self.mounted.T
             out[:, 0:3] += z
             out[:, 3:6] -= lever_velocity(self.obs, self.coupling, z)
         if signals.phins is not None:
-            out[:, 6:9] += step_means(signals.phins, self.obs.index)[0]
+            out[:, 6:9] += step_means(signals.phins, self.index)[0]
 
     def _sensors(self, signals: Sequence[Signals], out: FloatArray) -> None:
-        if all(one.gyro is None and one.accel is None for one in signals):
-            return
-        obs, n = self.obs, len(self.dt)
-        gyro = np.zeros((len(signals), n, 3))
-        accel = np.zeros((len(signals), n if any(one.accel is not None for one in signals) else 0, 3))
-        for k, one in enumerate(signals):
-            if one.gyro is not None:
-                gyro[k] = one.gyro
-            if one.accel is not None:
-                accel[k] = one.accel
-        _propagate(
-            self.middle, obs.main.attitude, self.force, self.dt, gyro, accel, obs.index, self.coupling, obs.dt,
-            obs.omega, out,
-        )  # fmt: skip
+        """What they add to gyros and accelerometers, into out (N, 9, k)."""
+        obs, last = self.obs, int(self.index[-1]) + 1
+        felt = [
+            (
+                NOTHING if one.gyro is None else np.require(one.gyro, float, ["C", "W"]),
+                NOTHING if one.accel is None else np.require(one.accel, float, ["C", "W"]),
+                np.zeros((5, 3)), np.zeros(2, dtype=np.int64), k,
+            )
+            for k, one in enumerate(signals) if one.gyro is not None or one.accel is not None
+        ]  # fmt: skip
+        for first in range(0, last, PIECE):
+            for gyro, accel, state, begun, at in felt:
+                _propagate(
+                    first, min(first + PIECE, last), self.middle, self.attitude, self.force, self.dt, gyro, accel,
+                    self.index, self.coupling, obs.dt, obs.omega, state, begun, out, at,
+                )  # fmt: skip
 
 
 def lever_velocity(obs: Observations, coupling: FloatArray, z: FloatArray) -> FloatArray:

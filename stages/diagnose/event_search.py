@@ -69,12 +69,14 @@ class Record:
         self.n, self.usable, self.whitener = len(x), usable, whitener
         self.padded = fft.next_fast_len(len(x) + longest, real=True)
         self.weight = whitener.inverse(self.padded)
-        self.whitened = fft.rfft(x, self.padded) * self.weight
+        # Single precision is 1e-6 of a z, in half the time: every event is fitted again in double.
+        self.whitened = (fft.rfft(x, self.padded) * self.weight).astype(np.complex64)
 
     def scores(self, H: ComplexArray) -> FloatArray:
         """z (n,) of a shape with transform H that begins with each sample; zero where nothing was measured."""
-        z = fft.irfft(self.whitened * H.conj(), self.padded)[: self.n] / np.sqrt(_energy(H, self.weight, self.padded))
-        z = np.where(self.usable, z, 0.0)
+        size = 1.0 / np.sqrt(_energy(H, self.weight, self.padded))
+        z = fft.irfft(self.whitened * H.conj().astype(np.complex64), self.padded)[: self.n] * np.float32(size)
+        z[~self.usable] = 0.0
         return np.asarray(z / _spread(z, self.usable, int(LOCAL_S / self.whitener.interval)))
 
 
@@ -87,9 +89,13 @@ def _energy(H: ComplexArray, weight: FloatArray, n: int) -> float:
 def _spread(z: FloatArray, usable: BoolArray, block: int) -> FloatArray:
     """Standard deviation (n,) by medians of blocks; at least one, the model's."""
     edges = np.arange(0, len(z), block)
-    values = [np.median(np.abs(part[use])) if use.any() else 0.0
-              for part, use in ((z[k : k + block], usable[k : k + block]) for k in edges)]  # fmt: skip
-    spread = np.maximum(MAD * np.array(values), 1.0)
+    size, values = np.abs(z), np.zeros(len(edges))
+    for b, k in enumerate(edges):
+        part, use = size[k : k + block], usable[k : k + block]
+        part = part if use.all() else part[use]
+        if len(part):
+            values[b] = np.partition(part, len(part) // 2)[len(part) // 2]
+    spread = np.maximum(MAD * values, 1.0)
     return np.asarray(np.interp(np.arange(len(z)), edges + 0.5 * block, spread))
 
 

@@ -106,6 +106,8 @@ def examine(residual: FullRateResidual, twin: Twin) -> tuple[tuple[Candidate, ..
 
 def without(residual: FullRateResidual, found: Found) -> FullRateResidual:
     """The residual less the events."""
+    if not found.any:
+        return residual
     rate, T = residual.rate.copy(), residual.interval
     for wild in found.wild:
         rate[round((wild.time - residual.t[0]) / T)] -= wild.size * residual.R_m_s[:, wild.axis]

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -30,10 +32,15 @@ class Gram:
     precision: FloatArray
     count: FloatArray
 
-    @property
+    @cached_property
+    def halves(self) -> FloatArray:
+        """(2, K + 1, K + 1), sums of either fold."""
+        return np.stack([self.blocks[fold].sum(axis=0) for fold in folds(self)])
+
+    @cached_property
     def total(self) -> FloatArray:
         """(K + 1, K + 1)."""
-        return np.asarray(self.blocks.sum(axis=0))
+        return np.asarray(self.halves.sum(axis=0))
 
     def index(self, names: Sequence[str]) -> list[int]:
         """Places of regressors by name."""
@@ -50,19 +57,53 @@ def gram(
     block: float = BLOCK_S,
 ) -> Gram:
     """columns: (N, m, K) and y: (N, m) whitened, NaN in y is masked; t: (N,) s."""
-    count = max(2, round((t[-1] - t[0]) / block))
-    edges = np.linspace(t[0], t[-1], count + 1)
-    which = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, count - 1)
-    seen = np.isfinite(y)
-    starts = np.searchsorted(which, np.arange(count + 1))
-    blocks = np.zeros((count, columns.shape[2] + 1, columns.shape[2] + 1))
-    number = np.zeros(count)
-    for b in range(count):
-        rows = slice(starts[b], starts[b + 1])
-        ok = seen[rows]
-        Z = np.concatenate([columns[rows][ok], y[rows][ok][:, None]], axis=1)
-        blocks[b], number[b] = Z.T @ Z, ok.sum()
-    return Gram(tuple(names), blocks, edges, np.asarray(precision, dtype=float), number)
+    return Table.of(names, columns, y, t, precision, block).gram
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows ``[X y]`` of every block that are not masked, to which further regressors are set. gram: of themselves."""
+
+    rows: tuple[FloatArray, ...]
+    parts: tuple[slice, ...]
+    seen: BoolArray
+    gram: Gram
+
+    @classmethod
+    def of(
+        cls, names: Sequence[str], columns: FloatArray, y: FloatArray, t: FloatArray, precision: FloatArray,
+        block: float = BLOCK_S, chosen: Sequence[int] | None = None,
+    ) -> Table:  # fmt: skip
+        """As :func:`gram`; chosen: places of the columns that are taken, all by default."""
+        count = max(2, round((t[-1] - t[0]) / block))
+        edges = np.linspace(t[0], t[-1], count + 1)
+        which = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, count - 1)
+        starts = np.searchsorted(which, np.arange(count + 1))
+        parts = tuple(slice(a, b) for a, b in pairwise(starts))
+        seen: BoolArray = np.isfinite(y)
+        taken = slice(None) if chosen is None else list(chosen)
+        rows = tuple(
+            np.concatenate([columns[part][seen[part]][:, taken], y[part][seen[part]][:, None]], axis=1)
+            for part in parts
+        )
+        blocks = np.array([Z.T @ Z for Z in rows])
+        number = np.array([float(len(Z)) for Z in rows])
+        return cls(rows, parts, seen, Gram(tuple(names), blocks, edges, np.asarray(precision, dtype=float), number))
+
+    def widened(self, names: Sequence[str], columns: FloatArray, precision: FloatArray) -> Gram:
+        """Gram matrices of these regressors and of more, columns (N, m, k), which stand behind them, before y."""
+        old, k = self.gram, columns.shape[2]
+        K = len(old.names)
+        place = [*range(K), K + k]
+        blocks = np.zeros((len(old.blocks), K + k + 1, K + k + 1))
+        for b, (Z, part) in enumerate(zip(self.rows, self.parts)):
+            X = columns[part][self.seen[part]]
+            blocks[b][np.ix_(place, place)] = old.blocks[b]
+            blocks[b][K : K + k, K : K + k] = X.T @ X
+            cross = X.T @ Z
+            blocks[b][K : K + k, place] = cross
+            blocks[b][place, K : K + k] = cross.T
+        return Gram((*old.names, *names), blocks, old.edges, np.concatenate([old.precision, precision]), old.count)
 
 
 @dataclass(frozen=True)
@@ -84,12 +125,6 @@ def solve(G: FloatArray, precision: FloatArray, chosen: Sequence[int]) -> Fit:
     return Fit(value, root / np.outer(size, size), 0.5 * float(value @ b))
 
 
-def deviance(G: FloatArray, chosen: Sequence[int], value: FloatArray) -> float:
-    """|y - X value|^2 on one Gram matrix."""
-    k = list(chosen)
-    return float(G[-1, -1] - 2.0 * value @ G[k, -1] + value @ G[np.ix_(k, k)] @ value)
-
-
 def folds(gram_: Gram) -> tuple[BoolArray, BoolArray]:
     """Interleaved blocks."""
     odd = np.arange(len(gram_.blocks)) % 2 == 1
@@ -99,15 +134,35 @@ def folds(gram_: Gram) -> tuple[BoolArray, BoolArray]:
 def held_out(gram_: Gram, base: Sequence[int], more: Sequence[int]) -> FloatArray:
     """(b,) nats per block by which base and more beat base, each block scored by the other fold's coefficients."""
     out = np.zeros(len(gram_.blocks))
-    both = [*base, *more]
-    for train in folds(gram_):
-        G = gram_.blocks[train].sum(axis=0)
-        lesser = solve(G, gram_.precision, base).value
-        greater = solve(G, gram_.precision, both).value
-        for b in np.flatnonzero(~train):
-            block = gram_.blocks[b]
-            out[b] = 0.5 * (deviance(block, base, lesser) - deviance(block, both, greater))
+    used = [*base, *more, -1]
+    for G, tested in zip(gram_.halves, reversed(folds(gram_))):
+        lesser, greater = _both(G, gram_.precision, base, more)
+        blocks = gram_.blocks[tested][:, used][:, :, used]
+        out[tested] = 0.5 * (_squares(blocks, lesser) - _squares(blocks, greater))
     return out
+
+
+def held_out_sum(gram_: Gram, base: Sequence[int], more: Sequence[int]) -> float:
+    """Sum over the blocks of :func:`held_out`, without looking at each of them."""
+    used, total = [*base, *more, -1], 0.0
+    for trained, tested in zip(gram_.halves, gram_.halves[::-1]):
+        lesser, greater = _both(trained, gram_.precision, base, more)
+        G = tested[np.ix_(used, used)][None]
+        total += 0.5 * float(_squares(G, lesser)[0] - _squares(G, greater)[0])
+    return total
+
+
+def _both(
+    G: FloatArray, precision: FloatArray, base: Sequence[int], more: Sequence[int]
+) -> tuple[FloatArray, FloatArray]:
+    """(k + 1,) residuals as combinations of base, more and y, without more and with it."""
+    lesser, greater = solve(G, precision, base).value, solve(G, precision, [*base, *more]).value
+    return np.concatenate([-lesser, np.zeros(len(more)), [1.0]]), np.append(-greater, 1.0)
+
+
+def _squares(blocks: FloatArray, combination: FloatArray) -> FloatArray:
+    """(b,) sums of squares of a combination of the columns of each block."""
+    return np.asarray((blocks @ combination) @ combination)
 
 
 def gain(gram_: Gram, base: Sequence[int], more: Sequence[int]) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 
 from schemas.diagnosis import Comparison, Finding, Gap
 from schemas.rig import FloatArray
-from stages.diagnose.evidence import gram, held_out
+from stages.diagnose.evidence import gram, held_out, held_out_sum
 from stages.diagnose.selection import TOLERATED, Selection
 
 DRAWS = 400
@@ -61,10 +61,10 @@ def comparisons(
         return ()
     more = [k for pick in picks for k in chosen.columns(pick)]
     base = [k for k in chosen.explained if k not in more]
-    total = float(held_out(chosen.gram, base, more).sum()) + left
+    total = held_out_sum(chosen.gram, base, more) + left
     taken = {pick.group.effect for pick in chosen.picks}
     rivals = [g for g in chosen.regressors.groups if g.effect not in taken and "time" not in g.shape]
-    scored = [(float(held_out(chosen.gram, base, chosen.gram.index(g.names)).sum()), g) for g in rivals]
+    scored = [(held_out_sum(chosen.gram, base, chosen.gram.index(g.names)), g) for g in rivals]
     out = []
     if scored:
         best = max(scored, key=lambda item: item[0])[1]

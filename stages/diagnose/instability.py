@@ -8,9 +8,9 @@ two parameters.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -25,6 +25,7 @@ from twin.effects._prediction import Signals, on_axis
 NAME = "gyro_bias_instability"
 FASTEST_S = 8.0  # shortest half period of the basis
 MOST_TERMS = 80
+SAMPLE_S = 0.05  # s between the instants at which the basis is propagated: the ship turns little in it
 PIECE = 2000  # steps of the record whose columns are multiplied at a time
 TAUS_S = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 SIGMAS = tuple(0.02 * 1.5**k for k in range(22))  # deg/h
@@ -46,21 +47,36 @@ class Wander:
 
 @dataclass(frozen=True)
 class Basis:
-    """columns: (N, 9, 3 terms) whitened, axis by axis; raw: (N, 9, 3 terms); frequency: (terms,) Hz."""
+    """columns: (N, m, 3 terms) whitened, axis by axis; frequency: (terms,) Hz."""
 
-    raw: FloatArray
     columns: FloatArray
     frequency: FloatArray
 
 
 def basis(base: Baseline) -> Basis:
     """The cosines on a baseline."""
-    t = base.obs.t
-    length = float(t[-1] - t[0])
-    terms = int(np.clip(length / FASTEST_S, 4, MOST_TERMS))
-    cosines = [np.cos(np.pi * k * (t - t[0]) / length) * np.sqrt(2.0 / length) for k in range(1, terms + 1)]
-    raw = base.response.many(Signals(gyro=on_axis(axis, wave)) for axis in range(3) for wave in cosines)
-    return Basis(raw, whitening.whiten_columns(base.whitened, raw), np.arange(1, terms + 1) / (2.0 * length))
+    frequency = _frequencies(base)
+    columns = np.empty((*base.whitened.values.shape, 3 * len(frequency)))
+    first, response = 0, base.response.of_slow(SAMPLE_S)
+    cosines = _cosines(response.t, frequency)
+    while some := list(islice(cosines, whitening.LANES)):
+        part = whitening.whiten_columns(base.whitened, response.many(some))
+        columns[:, :, first : first + len(some)] = part
+        first += len(some)
+    return Basis(columns, frequency)
+
+
+def _frequencies(base: Baseline) -> FloatArray:
+    length = float(base.obs.t[-1] - base.obs.t[0])
+    return np.arange(1, int(np.clip(length / FASTEST_S, 4, MOST_TERMS)) + 1) / (2.0 * length)
+
+
+def _cosines(t: FloatArray, frequency: FloatArray) -> Iterator[Signals]:
+    """Each frequency about each axis, axis by axis, one at a time: together they would be larger than the log."""
+    t = t - t[0]
+    for axis in range(3):
+        for f in frequency:
+            yield Signals(gyro=on_axis(axis, np.cos(2.0 * np.pi * f * t) * np.sqrt(2.0 / t[-1])))
 
 
 def variances(frequency: FloatArray, std: float, tau: float) -> FloatArray:
@@ -126,10 +142,12 @@ def _marginal(information: FloatArray, moment: FloatArray, variance: FloatArray)
     return float(0.5 * value @ value - np.log(np.diag(L)).sum())
 
 
-def as_nuisances(made: Basis, std: float, tau: float) -> Sequence[Nuisance]:
+def as_nuisances(base: Baseline, std: float, tau: float) -> Sequence[Nuisance]:
     """The process as regressors with priors; its mean over the record is a bias like any other."""
-    sigma = np.sqrt(variances(made.frequency, std, tau))
-    return [Nuisance(f"wander {k}", made.raw[:, :, k], float(s)) for k, s in enumerate(sigma)]
+    frequency = _frequencies(base)
+    raw = base.response.many(_cosines(base.obs.t, frequency))
+    sigma = np.sqrt(variances(frequency, std, tau))
+    return [Nuisance(f"wander {k}", raw[:, :, k], float(s)) for k, s in enumerate(sigma)]
 
 
 def mean_nuisances(base: Baseline, std: float, tau: float) -> Sequence[Nuisance]:

@@ -44,11 +44,15 @@ class Group:
 
 @dataclass(frozen=True)
 class Regressors:
-    """All groups of one baseline, and the Gram matrices of their columns beside the nuisances'."""
+    """All groups of one baseline, and the Gram matrices of their columns beside the nuisances'.
+
+    values: (N, m) whitened innovations, the main PHINS's channels beside them where there are any. columns: (N, m, K).
+    """
 
     groups: tuple[Group, ...]
     gram: Gram
     nuisances: tuple[str, ...]
+    values: FloatArray
     columns: FloatArray
     untestable: Mapping[str, str]
 
@@ -96,7 +100,7 @@ def regressors(
     values, white = _with_main(base, view, white, groups)
     precision = np.concatenate([base.precision, [_precision(label) for label in columns_of]])
     found = gram([*own, *columns_of], white, values, base.t, precision)
-    return Regressors(tuple(groups), found, tuple(own), white, untestable)
+    return Regressors(tuple(groups), found, tuple(own), values, white, untestable)
 
 
 def _precision(label: str) -> float:
@@ -164,9 +168,16 @@ def _shapes(name: str, base: Baseline, view: LogView) -> list[dict[str, float]]:
     return [{}]
 
 
+def _seconds(t: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means over pieces of a second or so, and their instants: enough for periods of SHORTEST_PERIOD_S and more."""
+    starts = np.arange(0, len(t), max(1, int(1.0 / float(np.median(np.diff(t))))))
+    count = np.diff(starts, append=len(t))
+    return np.add.reduceat(t, starts) / count, np.add.reduceat(y, starts, axis=0)
+
+
 def error_periods(base: Baseline) -> list[float]:
     """Periods at which the innovations of the PHINS ring most, any phase."""
-    t, y = base.t, np.nan_to_num(base.residual()[:, 6:9])
+    t, y = _seconds(base.t, np.nan_to_num(base.residual()[:, 6:9]))
     length = t[-1] - t[0]
     frequency = np.arange(1.0 / (LONGEST_PERIOD * length), 1.0 / SHORTEST_PERIOD_S, 0.25 / length)
     phase = 2.0 * np.pi * frequency[:, None] * (t - t[0])

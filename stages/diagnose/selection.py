@@ -18,9 +18,8 @@ from schemas.trial import Trial
 from stages.diagnose import instability, slow
 from stages.diagnose.baseline import Baseline, baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
-from stages.diagnose.evidence import Gram, gain, held_out, null_evidence, shifted, solve
+from stages.diagnose.evidence import Gram, gain, held_out_sum, null_evidence, shifted, solve
 from stages.diagnose.instability import Wander
-from stages.diagnose.latency import main_match
 from stages.diagnose.nuisances import TOLERANCES
 from stages.diagnose.pick import Pick, at_period, with_period
 from stages.diagnose.regressors import Group, Regressors, regressors, view_of
@@ -73,9 +72,7 @@ class Selection:
     @property
     def values(self) -> FloatArray:
         """(N, m) whitened innovations with the picks taken out of the log."""
-        match = main_match(self.base)
-        own = self.base.whitened.values
-        return own if match is None else np.hstack([own, match.y])
+        return self.regressors.values
 
     @property
     def _events(self) -> list[int]:
@@ -219,7 +216,7 @@ def _about(
     arm = reduce(lambda changed, effect: effect.twin(changed), named, twin).mount.lever_arm
     base = baseline(believed(clean, section(twin, "mount", lever_arm=arm), lagging, flexure), coarse, levels)
     if wandering is not None:
-        made = instability.as_nuisances(instability.basis(base), wandering.std, wandering.tau)
+        made = instability.as_nuisances(base, wandering.std, wandering.tau)
         base = extended(base, [*made, *instability.mean_nuisances(base, wandering.std, wandering.tau)])
     return base, regressors(base, view_of(base), names, [(pick.group, pick.value) for pick in picks]), clean
 
@@ -335,7 +332,7 @@ def nats_of(gram: Gram, base: Sequence[int], group: Group) -> float:
     """Evidence of a group without a time on top of regressors: held out, or beyond the twin's tolerance."""
     if group.effect in TOLERATED:
         return beyond_tolerance(gram, base, group.names)
-    return float(held_out(gram, base, gram.index(group.names)).sum())
+    return held_out_sum(gram, base, gram.index(group.names))
 
 
 def beyond_tolerance(gram: Gram, base: Sequence[int], names: Sequence[str]) -> float:
@@ -399,9 +396,7 @@ def _finished(
         elif group.effect in TOLERATED:
             evidence[pick.group.effect] = beyond_tolerance(restored, _with(found, others), group.names)
         else:
-            evidence[pick.group.effect] = float(
-                held_out(restored, _with(found, others), restored.index(group.names)).sum()
-            )
+            evidence[pick.group.effect] = held_out_sum(restored, _with(found, others), restored.index(group.names))
     for name, (score, _) in _scored(found, gram, picks).items():
         evidence[name] = min(score, doubts.get(name, score))
     if wandering is not None:

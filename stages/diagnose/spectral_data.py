@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit
@@ -125,8 +126,17 @@ class Spectra:
         return Spectra(self.grid, power, count, share, self.duration, self.poor)
 
 
+_KNOWN: WeakKeyDictionary[FullRateResidual, Spectra] = WeakKeyDictionary()
+
+
 def spectra(residual: FullRateResidual) -> Spectra:
-    """Spectral matrices of a residual, of shorter segments where gaps leave no long ones."""
+    """Spectral matrices of a residual, of shorter segments where gaps leave no long ones; made once for each."""
+    if residual not in _KNOWN:
+        _KNOWN[residual] = _spectra(residual)
+    return _KNOWN[residual]
+
+
+def _spectra(residual: FullRateResidual) -> Spectra:
     n, starts = _segments(residual)
     poor = len(starts) < 2
     if poor:
@@ -140,7 +150,7 @@ def spectra(residual: FullRateResidual) -> Spectra:
     for index, start in enumerate(starts):
         slot = index % 2, index * groups // len(starts)
         power[slot] += _pooled(rate[start : start + n], window, edges)
-        motion += np.einsum("kii->k", _pooled(residual.omega[start : start + n], window, edges)).real
+        motion += _pooled_power(residual.omega[start : start + n], window, edges)
         number[slot] += 1.0
         place[slot] += (start + 0.5 * n) / len(rate)
     weight = np.maximum(number, 1.0)
@@ -214,7 +224,23 @@ def _grid(n: int, interval: float) -> tuple[Grid, NDArray[np.int64]]:
 
 def _pooled(rate: FloatArray, window: FloatArray, edges: NDArray[np.int64]) -> ComplexArray:
     """Mean matrices (k, 3, 3) of one segment in the bins."""
-    x = fft.rfft((rate - rate.mean(axis=0)) * window[:, None], axis=0)[edges[0] : edges[-1]]
-    outer = x[:, :, None] * x[:, None, :].conj() / np.sum(window**2)
-    sums = np.add.reduceat(outer, edges[:-1] - edges[0], axis=0)
-    return np.asarray(sums / np.diff(edges)[:, None, None])
+    x = _transform(rate, window, edges)
+    out = np.empty((len(edges) - 1, 3, 3), dtype=complex)
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        out[:, i, j] = np.add.reduceat(x[i] * x[j].conj(), edges[:-1] - edges[0])
+        out[:, j, i] = out[:, i, j].conj()
+    return np.asarray(out / np.diff(edges)[:, None, None])
+
+
+def _pooled_power(rate: FloatArray, window: FloatArray, edges: NDArray[np.int64]) -> FloatArray:
+    """Their traces (k,)."""
+    x = _transform(rate, window, edges)
+    power = (x.real**2 + x.imag**2).sum(axis=0)
+    return np.asarray(np.add.reduceat(power, edges[:-1] - edges[0]) / np.diff(edges))
+
+
+def _transform(rate: FloatArray, window: FloatArray, edges: NDArray[np.int64]) -> ComplexArray:
+    """(3, j) ordinates of a segment within the edges, such that white noise of variance v has the power v."""
+    return np.asarray(
+        fft.rfft((rate - rate.mean(axis=0)).T * (window / np.sqrt(np.sum(window**2))))[:, edges[0] : edges[-1]]
+    )

@@ -38,7 +38,7 @@ LAG = 12  # its column of the lag
 PASSES = 2  # of integrating theta and taking it out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FullRateResidual:
     """Residual at the stamps of the sub-IMU.
 

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from physics import quaternions
 from physics.interpolation import slerp_quaternions
-from physics.kalman import Filtered, SparseModel, run_filter
+from physics.kalman import FAST, Filtered, SparseModel, run_filter
 from physics.units import ARCMIN
 from schemas.products import BoolArray
 from schemas.rig import FloatArray
@@ -35,6 +35,7 @@ D, VELOCITY, COLOUR, JITTER, JITTER_BEFORE = (
     int(np.flatnonzero(state == KEPT)[0]) for state in (m.D, m.V, m.NABLA, m.JITTER, m.JITTER_BEFORE)
 )
 EDGE_S = 5.0  # s left out at both ends, where interpolation and the filter's start would be tested
+LANES, PIECE = 48, 128  # regressors whitened side by side; steps of them at a time, which the cache holds
 OUTLIER_SIGMA = 8.0  # an innovation beyond it belongs to an event, not to a regression
 
 
@@ -122,13 +123,26 @@ def _attitude(series: ImuSeries | None, trial: Trial) -> tuple[IntArray, FloatAr
 
 def step_means(values: FloatArray, index: IntArray) -> tuple[FloatArray, FloatArray]:
     """Means (N, c) over the samples of each step that are not NaN, NaN where there are none, and their number (N,)."""
-    ok: BoolArray = np.asarray(np.isfinite(values).all(axis=1))
-    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(np.where(ok[:, None], values, 0.0), axis=0)])
-    number = np.concatenate([[0], np.cumsum(ok)])
-    start = np.concatenate([[0], index[:-1] + 1])
-    count = (number[index + 1] - number[start]).astype(float)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return (total[index + 1] - total[start]) / count[:, None], count
+    mean, count = np.zeros((len(index), values.shape[1])), np.zeros(len(index))
+    _step_means(np.require(values, float, ["C", "W"]), index, mean, count)
+    return mean, count
+
+
+@njit(cache=True, nogil=True)
+def _step_means(values, index, mean, count):  # type: ignore[no-untyped-def]
+    begin = 0
+    for step in range(len(index)):
+        for k in range(begin, index[step] + 1):
+            whole = True
+            for c in range(values.shape[1]):
+                whole = whole and np.isfinite(values[k, c])
+            if whole:
+                count[step] += 1.0
+                for c in range(values.shape[1]):
+                    mean[step, c] += values[k, c]
+        for c in range(values.shape[1]):
+            mean[step, c] = mean[step, c] / count[step] if count[step] > 0.0 else np.nan
+        begin = index[step] + 1
 
 
 @dataclass(frozen=True)
@@ -317,48 +331,58 @@ def spread(column: FloatArray) -> float:
     return max(spread, 1e-12)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _columns(e_row, e_col, E, h_col, H, gain, root_S, c, x):  # type: ignore[no-untyped-def]
-    """c (N, m, K) is overwritten with the innovations that it makes; x (n, K) is the state to begin from."""
-    steps, rows, K = c.shape
+    """c (N, m, LANES) is overwritten with the innovations that it makes; x (n, LANES) is the state to begin from and
+    that at the end. Loops over a constant number of lanes are those that the compiler turns into vector code."""
+    steps, rows, _ = c.shape
     dx = np.zeros_like(x)
-    nu = np.zeros(K)
+    nu = np.zeros(LANES)
     for k in range(steps):
         dx[:] = 0.0
         for a in range(len(e_row)):
-            value = E[k, a]
-            if value != 0.0:
-                for q in range(K):
-                    dx[e_row[a], q] += value * x[e_col[a], q]
+            value, to, by = E[k, a], dx[e_row[a]], x[e_col[a]]
+            for q in range(LANES):
+                to[q] += value * by[q]
         x += dx
         for i in range(rows):
+            row = c[k, i]
             if np.isnan(root_S[k, i]):
-                c[k, i] = 0.0
+                row[:] = 0.0
                 continue
-            for q in range(K):
-                nu[q] = c[k, i, q]
+            for q in range(LANES):
+                nu[q] = row[q]
             for a in range(h_col.shape[1]):
-                h = H[k, i, a]
-                if h != 0.0:
-                    for q in range(K):
-                        nu[q] -= h * x[h_col[i, a], q]
+                h, by = H[k, i, a], x[h_col[i, a]]
+                for q in range(LANES):
+                    nu[q] -= h * by[q]
             for j in range(x.shape[0]):
-                g = gain[k, i, j]
-                if g != 0.0:
-                    for q in range(K):
-                        x[j, q] += g * nu[q]
-            for q in range(K):
-                c[k, i, q] = nu[q] / root_S[k, i]
+                g, to = gain[k, i, j], x[j]
+                for q in range(LANES):
+                    to[q] += g * nu[q]
+            scale = 1.0 / root_S[k, i]
+            for q in range(LANES):
+                row[q] = scale * nu[q]
 
 
 def whiten_columns(whitened: Whitened, columns: FloatArray) -> FloatArray:
     """Regressors (N, 9, K) as what they add to the standardised innovations, zero where those are masked."""
     model, filtered = whitened.model, whitened.filtered
-    out = np.array(columns[:, : filtered.innovation.shape[1]], dtype=float)
+    steps, rows = filtered.innovation.shape
+    out = np.empty((steps, rows, columns.shape[2]))
     root = np.sqrt(filtered.innovation_variance) * whitened.scale
-    _columns(
-        model.transition_row, model.transition_col, model.transition, model.measurement_col, model.measurement,
-        filtered.gain, root, out, np.zeros((len(model.x0), out.shape[2])),
-    )  # fmt: skip
+    for lane in range(0, out.shape[2], LANES):
+        some = slice(lane, min(lane + LANES, out.shape[2]))
+        count = some.stop - lane
+        x = np.zeros((len(model.x0), LANES))
+        for first in range(0, steps, PIECE):
+            part = slice(first, min(first + PIECE, steps))
+            buffer = np.zeros((part.stop - first, rows, LANES))
+            buffer[:, :, :count] = columns[part, :rows, some]
+            _columns(
+                model.transition_row, model.transition_col, model.transition[part], model.measurement_col,
+                model.measurement[part], filtered.gain[part], root[part], buffer, x,
+            )  # fmt: skip
+            out[part, :, some] = buffer[:, :, :count]
     out[~np.isfinite(whitened.values)] = 0.0
     return out

@@ -40,3 +40,15 @@ def test_euler_angles_follow_the_convention_of_the_project() -> None:
 def test_cross_product() -> None:
     a, b = RNG.normal(size=(2, 20, 3))
     np.testing.assert_allclose(quaternions.cross(a, b), np.cross(a, b), atol=1e-15)
+
+
+def test_many_are_carried_as_few_are_whatever_their_shapes() -> None:
+    n = quaternions.MANY
+    q = quaternions.exp(RNG.normal(size=(n, 3)))
+    v, one = RNG.normal(size=(n, 3)), quaternions.exp(np.array([0.3, -0.2, 0.9]))
+    R = Rotation.from_quat(q)
+    np.testing.assert_allclose(quaternions.rotate(q, v), R.apply(v), atol=1e-13)
+    np.testing.assert_allclose(quaternions.rotate(q[::-1], v[0]), R[::-1].apply(v[0]), atol=1e-13)
+    product = (R * Rotation.from_quat(one)).as_matrix()
+    np.testing.assert_allclose(Rotation.from_quat(quaternions.multiply(q, one[None])).as_matrix(), product, atol=1e-13)
+    np.testing.assert_allclose(quaternions.cross(v[::2], v[1::2]), np.cross(v[::2], v[1::2]), atol=1e-13)

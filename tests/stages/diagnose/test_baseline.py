@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
 from physics.units import DEG_PER_HOUR
+from schemas.rig import FloatArray
 from stages.diagnose import columns, instability
 from stages.diagnose.baseline import Baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
@@ -98,7 +99,7 @@ def test_what_the_log_lacks_is_untestable_and_said_so() -> None:
 
 
 def test_extended_adds_regressors_with_priors_and_leaves_the_rest(bare: Baseline) -> None:
-    more = instability.as_nuisances(instability.basis(bare), 1.0, 100.0)
+    more = instability.as_nuisances(bare, 1.0, 100.0)
     wider = extended(bare, more)
     assert wider.columns.shape[2] == bare.columns.shape[2] + len(more)
     np.testing.assert_array_equal(wider.columns[:, :, : bare.columns.shape[2]], bare.columns)
@@ -116,6 +117,18 @@ def test_response_is_linear_and_a_static_angle_shifts_z_alone_on_a_still_deck(ba
     expected = columns.left_jacobian(bare.source.static) @ angle[0]
     np.testing.assert_allclose(turned[:, :3], np.tile(expected, (len(bare.t), 1)), atol=1e-12)
     np.testing.assert_array_equal(turned[:, 6:], 0.0)
+
+
+def test_slow_signals_are_answered_as_well_at_fewer_instants(bare: Baseline) -> None:
+    thin = bare.response.of_slow(0.05)
+    assert len(thin.t) < 0.3 * len(bare.obs.t)
+
+    def wave(t: FloatArray) -> Signals:
+        return Signals(gyro=1e-5 * np.stack([np.cos(0.1 * t), np.sin(0.07 * t), np.ones(len(t))], axis=1))
+
+    whole, few = bare.response(wave(bare.obs.t)), thin(wave(thin.t))
+    for rows in (slice(0, 3), slice(3, 6), slice(6, 9)):
+        assert np.sqrt(np.mean((few - whole)[:, rows] ** 2)) < 3e-3 * np.sqrt(np.mean(whole[:, rows] ** 2))
 
 
 @pytest.mark.parametrize("vector", [[0.0, 0.0, 0.0], [0.01, -0.02, 0.03], [0.7, -1.2, 0.4]])
