@@ -10,6 +10,7 @@ search over frequencies and axes is paid for by the logarithm of their number.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy import fft
@@ -25,7 +26,8 @@ from stages.diagnose.spectral_residual import FullRateResidual
 LOWEST_HZ = 0.6  # below it the ship's own motion has its lines
 HIGHEST = 0.495  # of the sample rate
 BLOCK_S = 20.0  # s of the odd and even blocks
-BROAD = 255  # ordinates over which the spectrum around a line is taken
+AROUND_HZ = 0.4  # from where on the spectrum around a line is taken
+BROAD, NARROW, SHARE = 255, 63, 0.25  # ordinates over which it is: at most, at least, and as a share of the frequency
 MEDIAN = np.log(2.0)  # of an exponential variable of mean one
 PADDING = 2
 MOST = 6  # lines looked for
@@ -73,26 +75,34 @@ def strongest(residual: FullRateResidual) -> Line | None:
     if len(band) < 4 * BROAD:
         return None
     rate = np.where(residual.good[:, None], residual.rate @ residual.R_m_s, 0.0)
-    best = max((_peak(rate[:, axis], padded, band, axis) for axis in range(3)), key=lambda found: found[0])
+    seen = np.flatnonzero((frequency > AROUND_HZ) & (frequency < HIGHEST / T))
+    best = max((_peak(rate[:, axis], padded, band, seen, axis) for axis in range(3)), key=lambda found: found[0])
     _, index, axis, around = best
     return _refined(rate[:, axis], residual.good, T, frequency[index], axis, around, 3 * len(band) // PADDING)
 
 
-def _peak(x: FloatArray, padded: int, band: IntArray, axis: int) -> tuple[float, int, int, float]:
-    """Largest |X|^2 / (n S), its ordinate, the axis, and S there."""
-    power = np.abs(fft.rfft(x, padded)[band]) ** 2 / len(x)
-    around = _around(power)
-    ratio = power / around
+def _peak(x: FloatArray, padded: int, band: IntArray, seen: IntArray, axis: int) -> tuple[float, int, int, float]:
+    """Largest |X|^2 / (n S) of the band, its ordinate, the axis, and S there. seen: ordinates that S is taken from."""
+    power = np.abs(fft.rfft(x, padded)[seen]) ** 2 / len(x)
+    around = _around(power, seen)[-len(band) :]
+    ratio = power[-len(band) :] / around
     top = int(np.argmax(ratio))
     return float(ratio[top]), int(band[top]), axis, float(around[top])
 
 
-def _around(power: FloatArray) -> FloatArray:
-    """Spectrum without lines: medians over BROAD ordinates, joined in logarithms."""
-    blocks = len(power) // BROAD
-    medians = np.median(power[: blocks * BROAD].reshape(blocks, BROAD), axis=1) / MEDIAN
-    centres = BROAD * (np.arange(blocks) + 0.5)
-    return np.asarray(np.exp(np.interp(np.arange(len(power)), centres, np.log(np.maximum(medians, 1e-300)))))
+def _around(power: FloatArray, ordinate: IntArray) -> FloatArray:
+    """Spectrum without lines: medians over blocks of ordinates, joined in logarithms.
+
+    The flexure's spectrum is steep at low frequencies, where blocks as wide as higher up would lie far below it.
+    """
+    edges = [int(ordinate[0])]
+    while edges[-1] <= ordinate[-1]:
+        edges.append(edges[-1] + int(np.clip(SHARE * edges[-1], NARROW, BROAD)))
+    edges = edges[:-1] if len(edges) > 2 else edges  # what is left at the end is no block
+    blocks = [power[a - ordinate[0] : b - ordinate[0]] for a, b in pairwise(edges)]
+    medians = np.array([np.median(block) for block in blocks]) / MEDIAN
+    centres = 0.5 * (np.array(edges[1:]) + edges[:-1] - 1)
+    return np.asarray(np.exp(np.interp(ordinate, centres, np.log(np.maximum(medians, 1e-300)))))
 
 
 def _refined(x: FloatArray, good: BoolArray, T: float, frequency: float, axis: int, around: float, places: int) -> Line:
