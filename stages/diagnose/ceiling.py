@@ -184,7 +184,7 @@ def _phins_motion(view: LogView) -> list[Signals]:
 def _restoring(view: LogView) -> list[Signals]:
     """Bending under moments that are no line: a stiffness or damping that changes with the size of the bending."""
     size = np.maximum(view.theta.std(axis=0), 1e-9)
-    x, v = view.theta / size, view.theta_dot / (size * np.sqrt(view.stiffness))
+    x, v = view.foretold[0] / size, view.foretold[1] / (size * np.sqrt(view.stiffness))
     moments = [moment * size * view.stiffness for moment in (x**3, np.abs(x) * v, x**2 * v)]
     return [Signals(bending=on_axis(axis, _answer(view, axis, moment[:, axis])))
             for moment in moments for axis in range(3)]  # fmt: skip

@@ -162,7 +162,7 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
         clean = compensate(calm, [pick.effect for pick in chosen.picks], twin).trial
     whole = spectra.residual(clean, aligned, twin)
     slams, found = events.examine(whole, twin)
-    residual = _linear(events.without(whole, found), chosen, twin)
+    residual = _linear(events.without(whole, found), chosen)
     known = tuple(finding.name for finding in checks.findings if finding.name in spectra.NOISES)
     first = tuple(finding.name for finding in low_pass)
     spectral, joint = _spectral(residual, twin, _not_alike(chosen, names), known, first)
@@ -194,10 +194,19 @@ def _doubted(family: Family, chosen: Selection) -> Family:
     return replace(family, gain=family.gain * min(1.0, max(nats, 0.0) / told))
 
 
-def _linear(residual: FullRateResidual, chosen: Selection, twin: Twin) -> FullRateResidual:
-    """The residual of the deck that stiffens as if it did not: what stays in the log would bend the spectra."""
-    gain = sum(float(pick.value[0]) for pick in chosen.picks if pick.group.effect == "amplitude_stiffening")
-    return spectral_residual.linear(residual, gain / ARCMIN**2, twin) if gain else residual
+def _linear(residual: FullRateResidual, chosen: Selection) -> FullRateResidual:
+    """The residual of the deck that stiffens as if it did not: what stays in the log would bend the spectra.
+
+    About the angle that the regression sees: the residual's own has what is left of the ship's turns in it.
+    """
+    bent = next((pick for pick in chosen.picks if pick.group.deck is not None), None)
+    if bent is None or bent.group.deck is None:
+        return residual
+    view = view_of(chosen.base)
+    theta = np.stack([np.interp(residual.t, view.t, column) for column in view.theta.T], axis=1)
+    return spectral_residual.linear(
+        replace(residual, theta=theta), float(bent.value[0]) / ARCMIN**2, bent.group.deck.found
+    )
 
 
 def _low_pass(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) -> tuple[Finding, ...]:

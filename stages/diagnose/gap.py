@@ -31,7 +31,7 @@ def _mean_part(chosen: Selection, names: set[str]) -> FloatArray:
         return np.zeros(len(chosen.gram.blocks))
     named = [pick.group for pick in chosen.picks if pick.group.effect in names]
     # An event sits in one block, of which no other one knows; what a tolerance covers in part is told by its prior.
-    if any("time" in group.shape or group.effect in TOLERATED for group in named):
+    if any("time" in group.shape or group.effect in TOLERATED or group.deck is not None for group in named):
         total = sum(chosen.evidence[name] for name in names if name in chosen.evidence)
         return np.full(len(chosen.gram.blocks), total / len(chosen.gram.blocks))
     return held_out(chosen.gram, base, more)

@@ -19,7 +19,7 @@ from physics.units import ARCMIN, DEG_PER_HOUR, MICRO_G
 from schemas.products import FlexureModel
 from schemas.rig import FloatArray
 from stages.diagnose.columns import Response, trapezoid_means
-from stages.diagnose.view import Believed, log_view
+from stages.diagnose.view import Believed, foretold, log_view, longest_step
 from stages.paired import Linearisation, Observations
 from twin import effects
 from twin.effects._prediction import Signals, on_axis
@@ -167,9 +167,10 @@ def structure(flexure: FlexureModel, obs: Observations, R_ref: FloatArray, respo
     """Stiffness and damping of each axis: the answer to a lacking moment b^2 theta or 2 mu theta'."""
     theta = seen_flexure(obs, R_ref)  # with slow bending in it they would explain just that
     step = float(np.median(np.diff(obs.t)))
-    rate, out = np.gradient(theta, step, axis=0), []
+    angle, rate = foretold(theta, flexure, step, longest_step(obs))
+    out = []
     for axis, (mu, b2) in enumerate(zip(flexure.damping, flexure.stiffness)):
-        for name, moment in (("stiffness", b2 * theta[:, axis]), ("damping", 2.0 * mu * rate[:, axis])):
+        for name, moment in (("stiffness", b2 * angle[:, axis]), ("damping", 2.0 * mu * rate[:, axis])):
             bending = on_axis(axis, driven(mu, b2, step, -moment))
             out.append(Nuisance(f"{name} {'xyz'[axis]}", response(Signals(bending=bending)), STIFFNESS_SHARE))
     return out

@@ -7,16 +7,17 @@ the log says: steps where the gyros' innovations jump, periods where the PHINS' 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from schemas.rig import FloatArray
-from stages.diagnose import whitening
+from stages.diagnose import stiffening, whitening
 from stages.diagnose.baseline import Baseline
 from stages.diagnose.evidence import Gram, gram
 from stages.diagnose.latency import main_column, main_match
-from stages.diagnose.nuisances import seen_flexure, whole_window
+from stages.diagnose.nuisances import STIFFNESS_SHARE, seen_flexure, whole_window
+from stages.diagnose.stiffening import Deck
 from stages.diagnose.view import arw_of, log_view
 from twin import effects
 from twin.effects._prediction import LogView
@@ -29,12 +30,14 @@ SHORTEST_PERIOD_S, LONGEST_PERIOD = 20.0, 4.0  # s; in lengths of the record
 
 @dataclass(frozen=True)
 class Group:
-    """Columns of one effect with one shape. names: of the columns in the Gram; parameters: theirs, in this order."""
+    """Columns of one effect with one shape. names: of the columns in the Gram; parameters: theirs, in this order. deck:
+    of the effect whose parameter is told in units of the deck's own stiffness."""
 
     effect: str
     names: tuple[str, ...]
     parameters: tuple[str, ...]
     shape: Mapping[str, float] = field(default_factory=dict)
+    deck: Deck | None = None
 
     @property
     def slope(self) -> str:
@@ -77,23 +80,28 @@ def regressors(
     untestable = {}
     for name in names:
         kept = [group.shape for group, _ in free if group.effect == name]
+        deck = _deck(name, view, free)
+        about = view if deck is None else replace(view, stiffness=deck.found[1])
         why = _missing(name, base)
         if why:
             untestable[name] = why
             continue
         for shape in kept or _shapes(name, base, view):
-            columns = effects.get(name).predict(view, **shape)
+            columns = effects.get(name).predict(about, **shape)
             if not columns:
                 untestable.setdefault(name, "the log lacks what it follows (attitude, temperature)")
                 continue
             labels = tuple(f"{name}|{column.parameter}|{_label(shape)}" for column in columns)
             raw.append(base.response.many(column.signals for column in columns))
-            groups.append(Group(name, labels, tuple(column.parameter for column in columns), shape))
+            groups.append(Group(name, labels, tuple(column.parameter for column in columns), shape, deck))
     columns_of = [label for group in groups for label in group.names]
     for group, value in free:
         if "period" in group.shape:
             columns_of.append(group.slope)
             raw.append(_period_slope(base, view, group, value)[:, :, None])
+    if stiffening.NAME in names:
+        columns_of += stiffening.NAMES
+        raw.append(base.response.many(stiffening.columns(view)))
     own = [nuisance.name for nuisance in base.nuisances]
     stacked = np.concatenate(raw, axis=2) if raw else np.zeros((len(base.t), 9, 0))
     white = np.concatenate([base.columns, whitening.whiten_columns(base.whitened, stacked)], axis=2)
@@ -103,9 +111,21 @@ def regressors(
     return Regressors(tuple(groups), found, tuple(own), values, white, untestable)
 
 
+def _deck(name: str, view: LogView, free: Sequence[tuple[Group, FloatArray]]) -> Deck | None:
+    """The deck of an effect that asks for one: as its twin has it, or as found beside the effect."""
+    if name != stiffening.NAME:
+        return None
+    found = [group.deck.found for group, _ in free if group.effect == name and group.deck is not None]
+    deck = stiffening.deck_of(view)
+    return replace(deck, found=found[0]) if found else deck
+
+
 def _precision(label: str) -> float:
-    """Of the prior that no parameter is far beyond its declared range; none for the column of a period."""
+    """Of the prior that no parameter is far beyond its declared range; none for the column of a period. A deck's own
+    columns are as free as the model's stiffness and damping."""
     name, parameter = label.split("|")[:2]
+    if label in stiffening.NAMES:
+        return 1.0 / STIFFNESS_SHARE**2
     if parameter == "period":
         return 0.0
     declared = {item.name: item for item in effects.get(name).parameters()}

@@ -15,7 +15,7 @@ import numpy as np
 from schemas.products import Alignment
 from schemas.rig import FloatArray
 from schemas.trial import Trial
-from stages.diagnose import instability, slow
+from stages.diagnose import instability, slow, stiffening
 from stages.diagnose.baseline import Baseline, baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
 from stages.diagnose.evidence import Gram, gain, held_out_sum, null_evidence, shifted, solve
@@ -239,9 +239,10 @@ def _nuisances(found: Regressors) -> list[int]:
 
 
 def _named(found: Regressors, picks: Sequence[Pick]) -> list[str]:
-    """Columns of the picks, then those of their periods."""
+    """Columns of the picks, then those of their periods and of a deck that is no longer the model's."""
     periods = [pick.group.slope for pick in picks if pick.group.slope in found.gram.names]
-    return [*(name for pick in picks for name in _kept(found, pick).names), *periods]
+    deck = stiffening.LINEAR if any(pick.group.deck for pick in picks) else ()
+    return [*(name for pick in picks for name in _kept(found, pick).names), *periods, *deck]
 
 
 def _with(found: Regressors, picks: Sequence[Pick]) -> list[int]:
@@ -265,7 +266,17 @@ def _refined(found: Regressors, gram: Gram, picks: Sequence[Pick], taken: FloatA
             std = float(np.sqrt(fit.covariance[first, first]))
             out[k] = replace(out[k], group=at_period(pick.group, period), shape_std=std)
             first += 1
-    return tuple(out)
+    return tuple(_with_deck(gram, chosen, pick) for pick in out)
+
+
+def _with_deck(gram: Gram, beside: Sequence[int], pick: Pick) -> Pick:
+    """A pick that is told in units of the deck's stiffness, found together with it."""
+    if pick.group.deck is None:
+        return pick
+    names = {*pick.group.names, *stiffening.NAMES}
+    found = stiffening.fit(gram, [k for k in beside if gram.names[k] not in names], pick.group.deck)
+    value, covariance = np.array([found.gain]), np.array([[found.variance]])
+    return replace(pick, group=replace(pick.group, deck=found.deck), value=value, covariance=covariance)
 
 
 def _scored(found: Regressors, gram: Gram, picks: Sequence[Pick]) -> dict[str, tuple[float, Group]]:
@@ -317,6 +328,8 @@ def _bending(view: LogView, pick: Pick) -> FloatArray:
 
 def _makes_sense(found: Regressors, gram: Gram, base: Sequence[int], group: Group) -> bool:
     """Whether a parameter that has one sign only has it."""
+    if group.deck is not None:
+        return True  # its evidence holds only for what makes sense
     value = solve(gram.total, gram.precision, [*base, *gram.index(group.names)]).value[-len(group.names) :]
     declared = {item.name: item for item in effects.get(group.effect).parameters()}
     return all(declared[name].signed or v > 0.0 for name, v in zip(group.parameters, value) if name in declared)
@@ -332,6 +345,8 @@ def nats_of(gram: Gram, base: Sequence[int], group: Group) -> float:
     """Evidence of a group without a time on top of regressors: held out, or beyond the twin's tolerance."""
     if group.effect in TOLERATED:
         return beyond_tolerance(gram, base, group.names)
+    if group.deck is not None:
+        return stiffening.evidence(gram, base, group.deck)
     return held_out_sum(gram, base, gram.index(group.names))
 
 
@@ -376,7 +391,7 @@ def _picked(base: Baseline, found: Regressors, gram: Gram, picks: Sequence[Pick]
         return with_period(base, found, gram, kept, group)
     else:
         fit = solve(gram.total, gram.precision, [*kept, *gram.index(group.names)])
-    return Pick(group, fit.value[-k:], fit.covariance[-k:, -k:], np.zeros(k))
+    return _with_deck(gram, kept, Pick(group, fit.value[-k:], fit.covariance[-k:, -k:], np.zeros(k)))
 
 
 def _finished(
@@ -393,10 +408,8 @@ def _finished(
         group = _kept(found, pick)
         if "time" in group.shape:
             evidence[pick.group.effect] = alone[pick.group.effect]
-        elif group.effect in TOLERATED:
-            evidence[pick.group.effect] = beyond_tolerance(restored, _with(found, others), group.names)
         else:
-            evidence[pick.group.effect] = held_out_sum(restored, _with(found, others), restored.index(group.names))
+            evidence[pick.group.effect] = nats_of(restored, _with(found, others), group)
     for name, (score, _) in _scored(found, gram, picks).items():
         evidence[name] = min(score, doubts.get(name, score))
     if wandering is not None:

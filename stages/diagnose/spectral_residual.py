@@ -81,15 +81,14 @@ def residual(trial: Trial, alignment: Alignment, twin: Twin) -> FullRateResidual
     return FullRateResidual(t, interval, rate, good, omega, theta, alignment.rotation, lag, lag_std, between)
 
 
-def linear(residual: FullRateResidual, gain: float, twin: Twin) -> FullRateResidual:
-    """The residual of a deck without the stiffening ``gain``, 1/rad^2.
+def linear(residual: FullRateResidual, gain: float, deck: FloatArray) -> FullRateResidual:
+    """The residual of a deck without the stiffening ``gain``, 1/rad^2. deck: (2, 3) its own mu and b^2.
 
     theta + d, d'' + 2 mu d' + b^2 d = b^2 gain theta^3
     """
     theta = np.empty_like(residual.theta)
-    for axis, (mu, frequency, _) in enumerate(_per_axis(twin)):
-        moment = (mu**2 + frequency**2) * gain * residual.theta[:, axis] ** 3
-        theta[:, axis] = driven(mu, mu**2 + frequency**2, residual.interval, moment)
+    for axis, (mu, b2) in enumerate(deck.T):
+        theta[:, axis] = driven(mu, b2, residual.interval, b2 * gain * residual.theta[:, axis] ** 3)
     rate = residual.rate + np.gradient(theta, residual.interval, axis=0)
     return replace(residual, rate=rate, theta=residual.theta + theta)
 

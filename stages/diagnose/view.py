@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from physics import quaternions
+from physics.flexure import transition
 from physics.rotations import log
 from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, STANDARD_GRAVITY
 from schemas.products import FlexureModel
@@ -131,8 +132,29 @@ def log_view(
         theta=theta, theta_dot=_slope(theta, step), damping=np.array(source.twin.flexure.damping),
         stiffness=np.array(source.twin.flexure.damping) ** 2 + np.array(source.twin.flexure.frequency) ** 2,
         answering=np.stack([flexure.damping, flexure.stiffness]),
+        foretold=np.stack(foretold(theta, flexure, step, longest_step(obs))),
         roll=_roll(source.trial, t), temperature_sub=_temperature(source.trial, t),
     )  # fmt: skip
+
+
+def longest_step(obs: Observations) -> int:
+    """Samples in the longest step of the observations."""
+    return int(np.diff(obs.index).max())
+
+
+def foretold(theta: FloatArray, flexure: FlexureModel, step: float, within: int) -> tuple[FloatArray, FloatArray]:
+    """Angle and rate (n, 3) of the flexure theta (n, 3) as what they were before each step foretells them.
+
+    The rate at an instant holds the very noise that the innovation of its step is made of: regressed on it, white noise
+    looks like damping that lacks, the whole of it, however short the steps (Stratonovich's integral in place of Ito's).
+    step: s between samples; within: samples in the longest step.
+    """
+    before = within + 1  # the central difference looks a sample ahead
+    now, out = np.stack([theta, _slope(theta, step)]), np.empty((2, *theta.shape))
+    out[:, :before] = now[:, :before]
+    for axis, (mu, b2) in enumerate(zip(flexure.damping, flexure.stiffness)):
+        out[:, before:, axis] = transition(mu, b2, np.array(before * step)) @ now[:, :-before, axis]
+    return out[0], out[1]
 
 
 def _held(stamp: FloatArray, values: FloatArray, t: FloatArray) -> FloatArray:

@@ -22,8 +22,9 @@ class LogView:
     rad/s and rad/s^2 of the main IMU in m-axes; force_m: (n, 3) m/s^2. omega_s, omega_dot_s, force_s, jerk_s: (n, 3)
     ideal rate, its derivative, specific force and its derivative at the sub-IMU in s-axes, without flexure. theta,
     theta_dot: (n, 3) rad, rad/s: the flexure that the gyros show. damping, stiffness: (3,) of the flexure as the twin
-    has it; answering: (2, 3) those with which a moment turns into bending, as the log shows them. roll: (n,) rad, or
-    None without attitude. temperature_sub: (n,) deg C or None.
+    has it; answering: (2, 3) those with which a moment turns into bending, as the log shows them. foretold: (2, n, 3)
+    theta and theta_dot as what they were a step of the observations ago foretells them. roll: (n,) rad, or None without
+    attitude. temperature_sub: (n,) deg C or None.
     """
 
     t: FloatArray
@@ -42,6 +43,7 @@ class LogView:
     damping: FloatArray
     stiffness: FloatArray
     answering: FloatArray
+    foretold: FloatArray
     roll: FloatArray | None = None
     temperature_sub: FloatArray | None = None
 

@@ -52,11 +52,12 @@ class AmplitudeStiffening(Effect):
     def predict(cls, view: LogView) -> tuple[Column, ...]:
         """The answer d to the lacking restoring moment, d'' + 2 mu d' + b^2 d = -b_twin^2 theta^3, per 1/arcmin^2.
 
-        theta is the one that is seen, stiffened: with mu and b of the model that whitens it this is exact.
+        theta is the one that is seen, stiffened, as foretold from before each step, so that it holds none of the noise
+        of that step: with mu and b of the model that whitens it this is exact.
         """
         from physics.flexure import driven
 
-        moment = -view.stiffness * view.theta**3 / ARCMIN**2
+        moment = -view.stiffness * view.foretold[0] ** 3 / ARCMIN**2
         answer = [driven(mu, b2, view.interval, w) for mu, b2, w in zip(*view.answering, moment.T)]
         return (Column("gain", Signals(bending=np.stack(answer, axis=1))),)
 
