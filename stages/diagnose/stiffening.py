@@ -103,7 +103,7 @@ def fit(gram: Gram, base: Sequence[int], deck: Deck, linear: bool = False) -> St
     ]
     best = min(tried, key=lambda found: float(found.fun))
     slopes = values(best.x)[1]
-    information = slopes.T @ A @ slopes + np.diag([1.0 / SHARE**2] * 6 + [float(linear)])
+    information = slopes.T @ A @ slopes + np.diag([1.0 / SHARE**2] * 6 + [max(float(linear), TIED)])
     found = deck.believed * np.exp(best.x[:6]).reshape(2, 3)
     variance = float(np.linalg.inv(information)[6, 6]) * unit**2
     return Stiffness(replace(deck, found=found), float(best.x[6]) * unit, variance, float(best.fun))
