@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import poisson
 
 from physics.units import NS
 from schemas.diagnosis import Finding, ParameterEstimate, Place
@@ -145,7 +144,8 @@ def dropout(trial: Trial) -> Finding | None:
 def _gap_nats(length: IntArray, usual: int, background: float) -> float:
     """Runs of one length at a rate of their own, against a few gaps of any length."""
     count = len(length)
-    number = float(poisson.logpmf(count, count) - poisson.logpmf(count, background)) if count > background else 0.0
+    # Of a Poisson number, ln p(count | count) - ln p(count | background).
+    number = count * np.log(count / background) - (count - background) if count > background else 0.0
     ordinary = -np.log(np.maximum(length, 1) * np.log(LONGEST_GAP))
     alike = np.where(length == usual, np.log(SAME_LENGTH), np.log(1.0 - SAME_LENGTH) + ordinary)
     gain = alike - ordinary
