@@ -3,36 +3,53 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from typing_extensions import override
+
 from pipeline.archive.jobs import Outcome, State
 from pipeline.archive.planning import Plan
-from pipeline.archive.running import HOUR, Step, Summary
+from pipeline.archive.running import HOUR, Listener, Step, Summary
 
 MOST_LISTED = 200  # logs without a result on the terminal; --json and the manifest have them all
 
 
 @contextmanager
-def reporter() -> Iterator[Callable[[Step], None]]:
+def listening() -> Iterator[Listener]:
     """Tell each log as it ends; a bar stands below where a person is there to see it."""
     if not sys.stderr.isatty():
-        yield lambda step: _say(line(step))
+        yield Lines()
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True, markup=False, highlight=False, emoji=False)
-    columns = (BarColumn(), TextColumn("{task.completed} of {task.total} logs"), TextColumn("{task.fields[left]}"))
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=None, left="starting the workers")
+    said = TextColumn("{task.description}", markup=False)
+    with Progress(BarColumn(), said, TimeElapsedColumn(), console=console, transient=True) as bar:
+        task = bar.add_task("starting the workers", total=None)
 
-        def tell(step: Step) -> None:
-            console.print(line(step), soft_wrap=True)
-            bar.update(task, completed=step.done, total=step.total, left=_left(step))
+        class Bar(Listener):
+            @override
+            def begun(self, total: int) -> None:
+                bar.update(task, total=total, description=f"0 of {total} logs, time left not known yet;", refresh=True)
 
-        yield tell
+            @override
+            def ended(self, step: Step) -> None:
+                console.print(line(step), soft_wrap=True)
+                told = ", ".join(part for part in (f"{step.done} of {step.total} logs", _left(step)) if part)
+                bar.update(task, completed=step.done, description=f"{told};", refresh=True)
+
+        yield Bar()
+
+
+class Lines(Listener):
+    """A line a log on standard error."""
+
+    @override
+    def ended(self, step: Step) -> None:
+        _say(line(step))
 
 
 def line(step: Step) -> str:

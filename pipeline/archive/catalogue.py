@@ -10,13 +10,13 @@ from typing import Any
 
 import polars as pl
 
-from pipeline.archive.manifest import Manifest, load_manifest, read_entry
+from pipeline.archive.manifest import CATALOGUE, Manifest, load_manifest, read_entry
 from pipeline.archive.rows import SCHEMA, frame_of
 from pipeline.archive.source import MARKED
 from pipeline.archive.stores import Store, StoreError
 from schemas.errors import DataError
 
-FILE = "catalogue.parquet"
+FILE = CATALOGUE
 READERS = 16  # entries fetched beside each other: in a bucket each takes tens of milliseconds, most of it waiting
 PORTION = 2000  # entries read before they become rows
 

@@ -86,8 +86,8 @@ def batch(
         return
     wish = Wish(scheduler, workers, memory)
     try:
-        with printing.reporter() as tell:
-            summary = run_batch(logs, output, config, wish, retry=retry, rehash=rehash, tell=tell)
+        with printing.listening() as listener:
+            summary = run_batch(logs, output, config, wish, retry=retry, rehash=rehash, listener=listener)
     except KeyboardInterrupt:
         raise typer.Exit(console.complain(f"interrupted; {GOES_ON}", console.INTERRUPTED)) from None
     if as_json:
@@ -174,6 +174,7 @@ def catalogue(
     """Say what an archive says: drift of the static angle, flexure against the sea, effects that repeat, worst logs."""
     from pipeline.archive import catalogue as catalogues
     from pipeline.archive.catalogue_printing import catalogue_parts, frame_table, write_report
+    from pipeline.archive.manifest import spare_own_files
     from pipeline.archive.remote import joined
     from pipeline.archive.reporting import archive_report
     from pipeline.archive.stores import open_store
@@ -186,6 +187,7 @@ def catalogue(
     outputs = {kind: path for kind, path in {"recording": rrd, "report": report}.items() if path is not None}
     check_targets(list(outputs.values()), [])
     store = open_store(archive)
+    spare_own_files(store, list(outputs.values()))
     loaded = catalogues.load_catalogue(store)
     if sql is not None:
         answer = _asked("--sql", lambda: catalogues.queried(loaded.frame, sql))

@@ -12,16 +12,19 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from pipeline.archive.source import MARKED, Source
-from pipeline.archive.stores import Store
+from pipeline.archive.stores import PARTIAL, Store
 from schemas.errors import DataError
 
 ENTRIES, INPUTS, RESULTS = "manifest", "inputs", "results"
 DONE, ASIDE = "done", "aside"
+CATALOGUE = "catalogue.parquet"
+OWN_FOLDERS, OWN_FILES = frozenset({ENTRIES, INPUTS, RESULTS, PARTIAL}), frozenset({CATALOGUE, MARKED.lstrip("/")})
 FORMAT = 1
 SHORT = 24  # hexadecimal digits of an address and its stamp
 
@@ -52,6 +55,14 @@ def load_manifest(store: Store) -> Manifest:
             found.contents[parts[0], parts[1]] = parts[2]
             found.marks.setdefault(parts[0], []).append(name)
     return found
+
+
+def spare_own_files(store: Store, targets: Iterable[Path]) -> None:
+    """Raise DataError for a file to write that would take the place of one of the archive's own."""
+    for target in targets:
+        place = store.place_of(target)
+        if place is not None and (place.parts[0] in OWN_FOLDERS or str(place) in OWN_FILES):
+            raise DataError("is a file of the archive itself; name another file to write", file=target)
 
 
 def open_archive(store: Store, *, writing: bool = True) -> None:

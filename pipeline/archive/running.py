@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,6 +27,16 @@ class Step:
     done: int
     total: int
     left_s: float | None
+
+
+class Listener:
+    """Hears how a batch goes on; this one keeps it to itself."""
+
+    def begun(self, total: int) -> None:
+        """The workers are there, with so many logs to do."""
+
+    def ended(self, step: Step) -> None:
+        """A log ended."""
 
 
 @dataclass
@@ -112,7 +122,7 @@ def run_batch(
     *,
     retry: bool = False,
     rehash: bool = False,
-    tell: Callable[[Step], None] = lambda step: None,
+    listener: Listener | None = None,
 ) -> Summary:
     """Every log that the words name, into the archive at output. Raises DataError where nothing can be done at all."""
     store = open_store(output)
@@ -123,7 +133,7 @@ def run_batch(
     start = time.perf_counter()
     try:
         if plan.jobs:
-            _work(plan, store, wish, summary, tell)
+            _work(plan, store, wish, summary, listener or Listener())
     except DataError as error:
         summary.stopped = str(error)
     finally:
@@ -145,13 +155,14 @@ def begun(plan: Plan, store: Store) -> Summary:
     return summary
 
 
-def _work(plan: Plan, store: Store, wish: Wish, summary: Summary, tell: Callable[[Step], None]) -> None:
+def _work(plan: Plan, store: Store, wish: Wish, summary: Summary, listener: Listener) -> None:
     clock = Clock(plan)
     with crew(wish, len(plan.jobs)) as workers:
         summary.workers = workers.threads
+        listener.begun(len(plan.jobs))
         for number, outcome in enumerate(workers.outcomes(limited(plan.jobs, wish)), 1):
             summary.add(outcome)
-            tell(Step(outcome, number, len(plan.jobs), clock.left(outcome)))
+            listener.ended(Step(outcome, number, len(plan.jobs), clock.left(outcome)))
             if outcome.state is State.DONE and summary.done == 1 and not store.exists(entry_name(outcome.key, DONE)):
                 raise DataError(UNSEEN, file=store.root)
 

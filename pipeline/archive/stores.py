@@ -15,7 +15,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from typing_extensions import override
 
@@ -69,6 +69,10 @@ class Store(ABC):
         """Clear away what killed processes left; how many places were cleared."""
         return 0
 
+    def place_of(self, path: Path) -> PurePath | None:
+        """Where a path of this machine lies in the store; None outside it."""
+        return None
+
 
 def open_store(address: str) -> Store:
     """The store at an address. Raises DataError for one that cannot be written to."""
@@ -86,6 +90,14 @@ class LocalStore(Store):
         self.path = local_path(self.root)
         if self.path.exists() and not self.path.is_dir():
             raise DataError("is a file; name a directory for the results", file=self.root)
+
+    @override
+    def place_of(self, path: Path) -> PurePath | None:
+        try:
+            place = path.resolve().relative_to(self.path.resolve())
+        except (ValueError, OSError):
+            return None
+        return place if place.parts else None
 
     @override
     def names(self, folder: str) -> list[str]:

@@ -1,11 +1,17 @@
 """A whole archive by its command: forty sound voyages, six kinds of damage, two worker processes."""
 
+import io
 import json
+import re
 import shutil
 
 import polars as pl
 import pytest
 
+from pipeline.archive.batch_printing import listening
+from pipeline.archive.jobs import Outcome, State
+from pipeline.archive.running import Step
+from pipeline.archive.source import Source
 from tests.pipeline.archive import voyages
 from tests.pipeline.archive.processes import check_whole, entries
 
@@ -158,6 +164,37 @@ def test_catalogue_writes_page_and_recording(copied, deckflex, tmp_path):
     text = column_text(recording, "/summary")
     assert copied.name in text
     assert str(copied.parent) not in text
+
+
+def test_page_and_recording_take_no_place_of_the_archives_own(copied, deckflex):
+    deckflex("catalogue", copied)
+    before = voyages.digest(copied)
+    for target in (copied / "catalogue.parquet", entries(copied)[0], copied / "deckflex-archive.json"):
+        told = deckflex("catalogue", copied, "--report", target)
+        assert (told.status, told.err.count("\n")) == (1, 1)
+        assert "file of the archive itself" in told.err
+    assert voyages.digest(copied) == before
+    assert deckflex("catalogue", copied, "--report", copied / "page.html").status == 0
+
+
+def test_a_person_sees_that_work_goes_on_before_the_first_log_ends(monkeypatch):
+    class Screen(io.StringIO):
+        def isatty(self):
+            return True
+
+    def seen():
+        return re.sub(r"\x1b\[[^a-zA-Z]*[a-zA-Z]", "", screen.getvalue())
+
+    screen = Screen()
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setenv("COLUMNS", "120")
+    with listening() as listener:
+        listener.begun(3)
+        assert "0 of 3 logs, time left not known yet; 0:00:00" in seen()
+        outcome = Outcome(Source("a.mcap", "a.mcap", 10, ""), State.ASIDE, reason="the file is empty")
+        listener.ended(Step(outcome, 1, 3, 700.0))
+    assert "1/3 set aside a.mcap  the file is empty  [12 min left]" in seen()
+    assert "1 of 3 logs, 12 min left;" in seen()
 
 
 def test_an_entry_that_was_spoilt_is_told_of_and_the_rest_stands(copied, deckflex):
