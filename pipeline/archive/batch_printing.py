@@ -103,7 +103,7 @@ def summary_report(summary: Summary) -> list[str]:
         (summary.done_before, "done before"),
         (summary.same, "of the same content as another"),
         (len(summary.aside), "set aside"),
-        (len(summary.failed), "not this time"),
+        (len(summary.failed), "not now"),
         (summary.left, "left for the next run"),
     ]
     told = ", ".join(f"{count} {what}" for count, what in counts if count) or (
@@ -116,7 +116,7 @@ def summary_report(summary: Summary) -> list[str]:
             f"{summary.hours_per_minute:.2f} h a minute; {summary.cpu_s:.0f} s of CPU, "
             f"at most {summary.peak_memory / 1e9:.1f} GB a worker"
         )
-    lines += _listed("set aside", summary.aside) + _listed("not this time", summary.failed)
+    lines += _listed("set aside", summary.aside) + _listed("not now", summary.failed)
     return [*map(one_line, lines), f"results     {summary.output}"]
 
 

@@ -19,7 +19,7 @@ class State(StrEnum):
     KNOWN = "known"
     BEFORE = "there"
     ASIDE = "set aside"
-    FAILED = "failed"
+    FAILED = "not now"
     STORE = "not kept"
 
 

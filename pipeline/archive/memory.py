@@ -17,6 +17,7 @@ PER_MESSAGE = 240.0  # bytes
 PER_MESSAGE_DIAGNOSED = 1500.0  # bytes
 SMALLEST_MESSAGE = 8  # bytes in the file: a log that claims more messages than would fit in it is not believed
 GB = 1e9
+WITHOUT = ", a run without --diagnose takes less"
 
 
 def needed(path: Path, diagnosed: bool = False) -> float:
@@ -39,8 +40,8 @@ def check_memory(path: Path, limit: float | None, diagnosed: bool = False) -> No
     want = needed(path, diagnosed)
     if want > limit:
         raise DataError(
-            f"needs about {want / GB:.1f} GB, a worker has {limit / GB:.1f} GB: "
-            "fewer workers (--workers) leave more for each; --memory states how much"
+            f"needs about {want / GB:.1f} GB, a worker has {limit / GB:.1f} GB; fewer workers (--workers) leave more "
+            f"for each{WITHOUT if diagnosed else ''}, --memory states how much"
         )
 
 

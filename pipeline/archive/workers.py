@@ -9,7 +9,7 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -49,17 +49,15 @@ class Wish:
     workers: int | None = None
     memory_gb: float | None = None
 
-    @property
-    def processes(self) -> int:
-        """How many processes a cluster of this machine has."""
-        return self.workers or len(os.sched_getaffinity(0))
+    def processes(self, jobs: int) -> int:
+        """How many processes a cluster of this machine has; never more than there are jobs."""
+        return max(1, min(self.workers or len(os.sched_getaffinity(0)), jobs))
 
-    @property
-    def limit(self) -> float | None:
+    def limit(self, jobs: int) -> float | None:
         """Bytes a log may take; None: what the worker of a foreign cluster says."""
         if self.memory_gb is not None:
             return self.memory_gb * GB
-        return None if self.scheduler else per_worker(self.processes)
+        return None if self.scheduler else per_worker(self.processes(jobs))
 
 
 @dataclass
@@ -181,12 +179,12 @@ def _own(wish: Wish, jobs: int) -> Iterator[Crew]:
     cluster = None
     try:
         cluster = LocalCluster(
-            n_workers=max(1, min(wish.processes, jobs)),
+            n_workers=wish.processes(jobs),
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
             dashboard_address=None,
-            memory_limit=wish.limit or 0,
+            memory_limit=wish.limit(jobs) or 0,
             silence_logs=logging.CRITICAL + 1,
         )
         with Client(cluster, set_as_default=False) as client:
@@ -221,9 +219,10 @@ def deaf() -> Any:
     return Deaf()
 
 
-def limited(jobs: Iterable[Job], wish: Wish) -> Iterator[Job]:
+def limited(jobs: Sequence[Job], wish: Wish) -> Iterator[Job]:
     """The jobs with the memory each may take."""
-    return (replace(job, memory=wish.limit) for job in jobs)
+    limit = wish.limit(len(jobs))
+    return (replace(job, memory=limit) for job in jobs)
 
 
 def carried_out(job: Job) -> Outcome:

@@ -16,6 +16,7 @@ from pipeline.archive.jobs import Job, State
 from pipeline.archive.manifest import load_manifest, marks_of
 from pipeline.archive.sources import found_in
 from pipeline.archive.stores import LocalStore, open_store
+from pipeline.archive.workers import Wish
 from pipeline.archive.working import process, slug_of
 from pipeline.provenance import deckflex_version
 from tests.pipeline.archive.processes import check_whole, entries
@@ -123,7 +124,14 @@ def test_a_log_that_needs_more_memory_than_there_is_is_refused(log, tmp_path):
     outcome = process(job_on(log, tmp_path / "out", memory=0.3e9))
     assert outcome.state is State.FAILED
     assert "needs about 0.5 GB, a worker has 0.3 GB" in outcome.reason
+    assert "--diagnose" not in outcome.reason
     assert digest(tmp_path / "out") == {}
+
+
+def test_a_worker_that_is_never_started_takes_no_memory_from_the_others():
+    assert Wish(workers=8).limit(2) == Wish(workers=2).limit(9) == memory.per_worker(2)
+    assert Wish(workers=8, memory_gb=3.0).limit(2) == 3e9
+    assert Wish(scheduler="tcp://host:8786").limit(2) is None
 
 
 def test_memory_grows_with_messages_and_lies_about_them_are_not_believed(log, fleet, tmp_path):
