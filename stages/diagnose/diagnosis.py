@@ -39,6 +39,7 @@ SHORTEST_S = 60.0
 SLACK_S = 1.0  # by which a record of that length may fall short: n samples span n - 1 intervals
 STILL = 2e-5  # rad/s rms of one-second means of the main IMU's rates, below which a ship does not move
 ALIKE_SHARE = 0.9  # of an effect's energy that a look-alike explains
+ASTRAY = 1.0 * ARCMIN  # rad, of the sub-IMU's axes and scale, one sigma, once the named effects are taken out
 MOST_SPECTRAL = 3  # spectral effects named in one log
 
 Progress = Callable[[str], None]
@@ -160,7 +161,7 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     clean = chosen.clean
     if low_pass:  # its spectrum tells the cutoff best as it was recorded
         clean = compensate(calm, [pick.effect for pick in chosen.picks], twin).trial
-    whole = spectra.residual(clean, aligned, twin)
+    whole = spectra.residual(clean, aligned, twin, ASTRAY)
     slams, found = events.examine(whole, twin)
     residual = _linear(events.without(whole, found), chosen)
     known = tuple(finding.name for finding in checks.findings if finding.name in spectra.NOISES)

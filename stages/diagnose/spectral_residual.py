@@ -65,8 +65,12 @@ class FullRateResidual:
         return len(self.t) * self.interval
 
 
-def residual(trial: Trial, alignment: Alignment, twin: Twin) -> FullRateResidual:
-    """The residual of a trial; DataError where the units share less than SHORTEST_S."""
+def residual(trial: Trial, alignment: Alignment, twin: Twin, astray: float = np.inf) -> FullRateResidual:
+    """The residual of a trial; DataError where the units share less than SHORTEST_S.
+
+    astray: how far E may be from nothing, one sigma: with waves alone a scale about an axis that the ship hardly turns
+    about is known to a hundredth, which would be arcminutes once she alters her course.
+    """
     sub, main = _bridged(trial.sub, trial.epoch), _bridged(trial.main, trial.epoch)
     first, omega, filled, between = _main_at(main, sub.t - float(alignment.time_delay.value))
     inside = slice(first, first + len(omega))
@@ -76,7 +80,7 @@ def residual(trial: Trial, alignment: Alignment, twin: Twin) -> FullRateResidual
     omega = _without_errors(omega, twin.imu.main)
     seen = _without_errors(sub.gyro[inside], twin.imu.sub) @ alignment.rotation.T
     good = _grown(~(sub.filled[inside] | filled), interval)
-    rate, theta, lag, lag_std = _cleaned(straight(seen - omega, good), omega, interval, twin)
+    rate, theta, lag, lag_std = _cleaned(straight(seen - omega, good), omega, interval, twin, astray)
     lag += float(alignment.time_delay.value) - twin.mount.time_delay
     return FullRateResidual(t, interval, rate, good, omega, theta, alignment.rotation, lag, lag_std, between)
 
@@ -175,17 +179,17 @@ def _per_axis(twin: Twin) -> list[tuple[float, float, float]]:
 
 
 def _cleaned(
-    seen: FloatArray, omega: FloatArray, interval: float, twin: Twin
+    seen: FloatArray, omega: FloatArray, interval: float, twin: Twin, astray: float
 ) -> tuple[FloatArray, FloatArray, float, float]:
     """Rate without w x theta and without what is proportional to the ship's motion; theta; lag and its std."""
     attitude = _attitude(omega, interval)
     rate, theta = seen, np.zeros_like(seen)
     for _ in range(PASSES):
-        motion, lag, lag_std = _motion(seen - quaternions.cross(omega, theta), omega, attitude, interval, twin)
+        motion, lag, lag_std = _motion(seen - quaternions.cross(omega, theta), omega, attitude, interval, twin, astray)
         rate = seen - motion
         theta = _integrated(rate, attitude, interval)
     rate = rate - quaternions.cross(omega, theta)
-    left, _, _ = _motion(rate, omega, attitude, interval, twin)
+    left, _, _ = _motion(rate, omega, attitude, interval, twin, astray)
     return rate - left, theta, lag, lag_std
 
 
@@ -210,9 +214,10 @@ def _integrated(rate: FloatArray, attitude: FloatArray, interval: float) -> Floa
 
 
 def _motion(
-    rate: FloatArray, omega: FloatArray, attitude: FloatArray, interval: float, twin: Twin
-) -> tuple[FloatArray, float, float]:
-    """The part (n, 3) of a rate in proportion to the ship's motion, and the lag of it, s, with its std."""
+    rate: FloatArray, omega: FloatArray, attitude: FloatArray, interval: float, twin: Twin,
+    astray: float = np.inf,
+) -> tuple[FloatArray, float, float]:  # fmt: skip
+    """The part (n, 3) of a rate in proportion to the ship's motion, and the lag of it, s, and its std. astray: of E."""
     every = max(1, int(1.0 / (COARSE_HZ * interval)))
     coarse, spacing = _means(rate, every), every * interval
     time = _means(_clock(len(rate)), every)
@@ -222,10 +227,11 @@ def _motion(
     whitened = fft.rfft(coarse, axis=0) * weights
     spectra = np.stack([fft.rfft(column, axis=0) * weights for column in design]).reshape(len(design), -1)
     matrix, right = (spectra.conj() @ spectra.T).real, (spectra.conj() @ whitened.reshape(-1)).real
+    # |rfft|^2 of white noise of variance v is n v, half of it in the real part
+    matrix[range(LAG), range(LAG)] += 0.5 * len(coarse) / astray**2
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix / scale / scale[:, None] + 1e-9 * np.eye(len(scale))
     solution = np.linalg.solve(scaled, right / scale) / scale
-    # |rfft|^2 of white noise of variance v is n v, half of it in the real part
     spread = np.sqrt(len(coarse) * np.linalg.inv(scaled)[LAG, LAG] / 2.0) / scale[LAG]
     return _predicted(solution, omega, attitude, interval), float(solution[LAG]), float(spread)
 

@@ -80,6 +80,27 @@ def test_an_angle_that_stays_in_inertial_axes_leaves_nothing_on_a_ship_that_turn
     assert np.abs(left).max() < 0.02 * np.abs(rate).max()
 
 
+def test_a_turn_is_not_taken_for_bending_by_a_scale_that_waves_alone_do_not_tell():
+    """About z, where the ship hardly moves but for the turn, lively flexure passes for a wrong scale."""
+    belief, t = load_twin("random-sea"), 0.1 * np.arange(6000)
+    waves = [0.03 * np.sin(0.8 * t + 0.1 * np.sin(0.05 * t)), 0.07 * np.sin(0.9 * t), 0.01 * np.sin(0.7 * t)]
+    turn = np.where((t > 250.0) & (t < 350.0), 0.01, 0.0)
+    omega = np.stack(waves, axis=1) + turn[:, None] * np.array([0.0, 0.0, 1.0])
+    attitude = spectral_residual._attitude(omega, 0.1)
+    bent = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        theta = [flexure.sample(0.2, 0.5, 5.0 * ARCMIN, np.full(len(t), 0.1), rng)[0] for _ in range(3)]
+        rate = np.diff(theta, axis=1).T / 0.1
+        taken = [
+            spectral_residual._motion(rate, omega, attitude, 0.1, belief, astray)[0] for astray in (np.inf, ARCMIN)
+        ]
+        bent.append([abs(float(np.sum(one[2400:3600, 2]) * 0.1)) / ARCMIN for one in taken])
+    free, held = np.array(bent).T
+    assert np.median(free) > 3.0
+    assert np.median(held) < 1.0
+
+
 def test_the_residual_is_the_rate_of_the_flexure_and_noise():
     trial, _ = drawn(3)
     residual, _ = residual_of(3)
