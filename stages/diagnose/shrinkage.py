@@ -151,7 +151,7 @@ class _Tuned:
         at = Linearisation.at(alignment, like.at.lever_arm)
         at = replace(at, coupling=like.at.coupling, gyro_bias=like.at.gyro_bias, scale=like.at.scale)
         first = job.round(observe(paired, at), at, like.noise, like.flexure, identify=False)
-        at = job.after(first)[0]
+        at = job.after(first, like.noise)[0]
         found = job.round(observe(paired, at), at, like.noise, like.flexure, identify=False)
         good = found.obs.good
         return trial.epoch + np.rint(found.obs.t[good] * 1e9).astype(np.int64), found.total[good]

@@ -73,7 +73,8 @@ def solve(trial: Trial, alignment: Alignment, flexure: FlexureModel) -> Solution
     at = replace(at, gyro_bias=_plain_bias(pilot, alignment, flexure))
     noise = tuning.with_gyro_bias(tuning.initial(alignment, flexure, trial.rig), trial.rig, at.gyro_bias)
     for _ in range(PILOT_ROUNDS):
-        at, noise, flexure = job.after(job.round(observe(pilot, at), at, noise, flexure))
+        solution = job.round(observe(pilot, at), at, noise, flexure)
+        at, noise, flexure = job.after(solution, job.fitted(solution))
     at, noise, flexure = job.whole(observe(paired, at), at, noise, flexure)
     return job.settle(observe(paired, at), at, noise, flexure)
 
@@ -140,10 +141,9 @@ class Job:
             solution, flexure=fit_flexure(obs.t, _undrifted(solution), obs.good, self.trial.rig, flexure, obs.dulled)
         )
 
-    def after(self, solution: Solution, whole: bool = False) -> tuple[Linearisation, m.Noise, FlexureModel]:
-        """The next linearisation, tuned noise and flexure after one round."""
+    def after(self, solution: Solution, noise: m.Noise) -> tuple[Linearisation, m.Noise, FlexureModel]:
+        """The next linearisation, noise and flexure after one round; noise: with the levels that it shows."""
         x, P = solution.filtered.x_last, np.diag(solution.filtered.P_last)
-        noise = self.levels(solution, whole)
         eps, nabla = slice(m.EPS, m.EPS + 3), slice(m.NABLA, m.NABLA + 3)
         gyro_bias = solution.at.R_ref @ solution.at.gyro_bias + x[eps]
         noise = tuning.with_biases(noise, self.trial.rig, (gyro_bias, np.sqrt(P[eps])), (x[nabla], np.sqrt(P[nabla])))
@@ -155,7 +155,8 @@ class Job:
         """A round on the whole record: what :meth:`after` says, and how strong slow bending is."""
         with ThreadPoolExecutor(1) as pool:
             density = pool.submit(self.quasi_static, obs, at, noise)
-            at, noise, flexure = self.after(self.round(obs, at, noise, flexure), whole=True)
+            solution = self.round(obs, at, noise, flexure)
+            at, noise, flexure = self.after(solution, rescaled(solution))
             return at, replace(noise, quasi_static=density.result()), flexure
 
     def quasi_static(self, obs: Observations, at: Linearisation, noise: m.Noise) -> float:
@@ -169,15 +170,14 @@ class Job:
         gyros = replace(noise, use_velocity=False)
         return DENSITIES[self._likeliest(obs, at, [replace(gyros, quasi_static=density) for density in DENSITIES])]
 
-    def levels(self, solution: Solution, whole: bool) -> m.Noise:
-        """Noise levels of the velocity match: from its spectrum on a piece, scaled to their size on the whole."""
-        noise, filtered = solution.noise, solution.filtered
+    def fitted(self, solution: Solution) -> m.Noise:
+        """Noise with the levels of the velocity match as its spectrum on a piece shows them."""
+        noise = solution.noise
         if not noise.use_velocity:
             return noise
-        if whole:
-            return tuning.rescaled(noise, filtered.innovation[:, 3:], filtered.innovation_variance[:, 3:])
         least = tuning.least_accel_noise(self.trial.rig, noise)
-        return levels.fitted(solution.obs, noise, solution.at.coupling, solution.smoothed.x, filtered.x_last, least)
+        coupling, x_last = solution.at.coupling, solution.filtered.x_last
+        return levels.fitted(solution.obs, noise, coupling, solution.smoothed.x, x_last, least)
 
     def _likeliest(self, obs: Observations, at: Linearisation, tried: list[m.Noise]) -> int:
         """Which set is most likely; the first one unless another gains enough."""
@@ -241,6 +241,14 @@ def _relinearised(solution: Solution, x: FloatArray) -> Linearisation:
         gyro_bias=at.gyro_bias + turn @ x[m.EPS : m.EPS + 3],
         scale=at.scale + turn @ x[m.M : m.M + 9].reshape(3, 3) @ at.R_ref,
     )
+
+
+def rescaled(solution: Solution) -> m.Noise:
+    """Noise with the levels of the velocity match scaled to their size on the whole."""
+    noise, filtered = solution.noise, solution.filtered
+    if not noise.use_velocity:
+        return noise
+    return tuning.rescaled(noise, filtered.innovation[:, 3:], filtered.innovation_variance[:, 3:])
 
 
 def disagreement(solution: Solution, gyros: Solution) -> float:

@@ -97,7 +97,7 @@ def gyros_only(run: Run) -> np.ndarray:
     noise, flexure = tuning.initial(run.alignment, run.flexure, run.trial.rig), run.flexure
     for _ in range(ROUNDS):
         solution = job.round(observe(paired, at), at, replace(noise, use_velocity=False), flexure)
-        at, noise, flexure = job.after(solution)
+        at, noise, flexure = job.after(solution, job.fitted(solution))
     obs = solution.obs
     stamp = run.trial.epoch + np.rint(obs.t * 1e9).astype(np.int64)
     error = errors(stamp[obs.good], Rotation.from_quat(solution.total[obs.good]), run.truth)
