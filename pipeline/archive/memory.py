@@ -1,9 +1,9 @@
 """How much memory a log takes, and how much a worker has: a log too large is refused in a line, not killed midway.
 
 Peaks measured on simulated logs of a ship with PHINS and truth, all channels at 100 Hz, a recording and a page written
-too: 0.7 GB for 30 min (1.1 million messages), 1.4 GB for 2 h (4.3 million), 3.4 GB for 8 h. With a diagnosis that names an
-effect 0.8 GB for 10 min and 2.2 GB for 30 min; with one that finds nothing 3.2 GB for 2 h. A straight line above them is
-what a log is taken to need.
+too: 0.7 GB for 30 min (1.1 million messages), 1.4 GB for 2 h (4.3 million), 3.4 GB for 8 h. With a diagnosis that names
+an effect 0.8 GB for 10 min and 2.2 GB for 30 min; with one that finds nothing 3.2 GB for 2 h. A straight line above
+them is what a log is taken to need.
 """
 
 from __future__ import annotations
