@@ -14,7 +14,7 @@ from pipeline.files import staged, writing
 from pipeline.one_log import Progress, Steps
 from pipeline.provenance import deckflex_version, sha256_of
 from pipeline.publishing import now, recording, save_page
-from schemas.diagnosis import Diagnosis, Errors, Finding, ParameterEstimate, Place
+from schemas.diagnosis import Diagnosis, Errors, Finding, ParameterEstimate, Place, Transfer
 from schemas.errors import DataError
 
 SEED = 0  # of the replays behind thresholds, intervals and RMSE rows: the same log gives the same report
@@ -80,6 +80,7 @@ def report_document(diagnosis: Diagnosis) -> dict[str, Any]:
              "closed_ci95": list(other.gap.closed_ci95)}
             for other in diagnosis.comparisons
         ],
+        "transfer": None if diagnosis.transfer is None else _transfer(diagnosis.transfer),
         "notes": list(diagnosis.notes),
         "duration_s": diagnosis.duration_s,
     }  # fmt: skip
@@ -90,6 +91,15 @@ def _place(place: Place) -> dict[str, Any]:
     return {
         "channel": place.channel, "axis": place.axis, "band_hz": list(place.band_hz), "window_s": window,
         "score": place.score,
+    }  # fmt: skip
+
+
+def _transfer(found: Transfer) -> dict[str, Any]:
+    return {
+        "channel": found.channel, "axis": found.axis, "from": found.source, "from_axis": found.source_axis,
+        "unit": found.unit, "frequency_hz": found.frequency.tolist(), "gain": found.gain.tolist(),
+        "gain_std": found.gain_std.tolist(), "phase_deg": np.degrees(found.phase).tolist(),
+        "phase_std_deg": np.degrees(found.phase_std).tolist(), "evidence_nats": found.evidence_nats,
     }  # fmt: skip
 
 

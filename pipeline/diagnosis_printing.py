@@ -90,6 +90,8 @@ def error_table(diagnosis: Diagnosis) -> Table | None:
 def _lines(diagnosis: Diagnosis) -> Iterator[str]:
     where = [words.place_text(place).removeprefix("the ") for place in diagnosis.where[:3]]
     yield from (f"where       {place}" for place in where)
+    if diagnosis.transfer is not None:
+        yield f"follows     {words.transfer_text(diagnosis.transfer)}"
     yield from (f"look-alike  {line}" for line in words.look_alikes(diagnosis))
     yield from (f"next        {line}" for line in diagnosis.advice)
     yield from (f"untestable  {name}: {why}" for name, why in diagnosis.untestable.items())

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
+
 from schemas.products import BoolArray
 from schemas.rig import FloatArray
 
@@ -137,6 +139,32 @@ class Spectrum:
 
 
 @dataclass(frozen=True)
+class Transfer:
+    """How what is left follows the ship's motion: gain and phase from a sensor of the main IMU to a channel, m-axes.
+
+    frequency: (k,) Hz. gain: (k,), in ``unit``. phase: (k,) rad, of the channel against the motion. Both with standard
+    errors. evidence_nats: what following that motion gains held out.
+    """
+
+    channel: str
+    axis: str
+    source: str
+    source_axis: str
+    unit: str
+    frequency: FloatArray
+    gain: FloatArray
+    gain_std: FloatArray
+    phase: FloatArray
+    phase_std: FloatArray
+    evidence_nats: float
+
+    @property
+    def best(self) -> int:
+        """Index of the frequency at which the gain is known best."""
+        return int(np.argmax(self.gain / np.maximum(self.gain_std, 1e-300)))
+
+
+@dataclass(frozen=True)
 class Localisation:
     """Nats of deficit, (channels, bands, blocks): channels named ``channel axis``, bands_hz (bands, 2), edges of the
     blocks (blocks + 1,) s since the epoch of the trial."""
@@ -166,7 +194,8 @@ class Diagnosis:
     """Where the gap lies, what causes it, how far it shrinks; what could not be told.
 
     tested: every effect of the library, strongest first. untestable: effect to reason. augmented_twin: TOML text of
-    the twin with the effects. comparisons: runner-up and placebo. notes: what a reader should distrust.
+    the twin with the effects. comparisons: runner-up and placebo. notes: what a reader should distrust. transfer: of
+    what has no name, where anything has none.
     """
 
     log: str
@@ -186,3 +215,4 @@ class Diagnosis:
     traces: tuple[Trace, ...] = ()
     notes: tuple[str, ...] = ()
     duration_s: float = 0.0
+    transfer: Transfer | None = None

@@ -7,19 +7,19 @@ held-out nats throughout, so that the classes compete; a name is given only wher
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from physics.rotations import exp
 from physics.units import ARCMIN
-from schemas.diagnosis import Diagnosis, Errors, Finding, ParameterEstimate, Place, Tested, Verdict
+from schemas.diagnosis import Diagnosis, Errors, Finding, ParameterEstimate, Place, Tested, Transfer, Verdict
 from schemas.errors import DataError
 from schemas.products import Alignment
 from schemas.trial import Trial
 from stages.align import align
-from stages.diagnose import direct, events, goodness, pictures, shrinkage, slow, spectra, spectral_residual
+from stages.diagnose import direct, events, goodness, pictures, shrinkage, slow, spectra, spectral_residual, transfer
 from stages.diagnose.candidate import FLOOR_NATS, Candidate
 from stages.diagnose.ceiling import HARMONICS, SLOW_BENDING, Family, families
 from stages.diagnose.findings import as_effect, of_pick, of_wander
@@ -342,7 +342,16 @@ def _written(
         traces=pictures.traces(chosen),
         notes=(*_unstated(twin), *evidence.checks.notes),
         duration_s=float(chosen.base.t[-1] - chosen.base.t[0]),
+        transfer=_transfer(chosen, verdict.verdict, left or where),
     )
+
+
+def _transfer(chosen: Selection, verdict: Verdict, places: Sequence[Place]) -> Transfer | None:
+    """How what has no name follows the ship, where it sits: all of the gap, or what the named effects leave of it."""
+    if not places or verdict not in (Verdict.UNKNOWN_EFFECT, Verdict.PARTLY_EXPLAINED):
+        return None
+    place = max(places, key=lambda place: place.score)
+    return transfer.transfer(chosen, place.channel, place.axis, verdict is Verdict.UNKNOWN_EFFECT)
 
 
 def _places_left(evidence: Evidence) -> tuple[Place, ...]:

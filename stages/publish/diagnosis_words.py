@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from schemas.diagnosis import Diagnosis, Finding, Gap, ParameterEstimate, Place, Tested, Verdict
+from schemas.diagnosis import Diagnosis, Finding, Gap, ParameterEstimate, Place, Tested, Transfer, Verdict
 
 HEADLINES = {
     Verdict.NO_GAP: "The log behaves as its twin foretells.",
@@ -29,6 +29,7 @@ UNITS_OF_CHANNELS = {
     "gnss": "GNSS",
     "sliding": "sliding SINS",
 }
+SURE_NATS = 14.0  # held out, below which what has no name is not said to follow a motion
 IN_A_SENTENCE = 3  # parameters of an effect: the table has them all
 QUANTITIES = {"accel": "accelerometer", "stamp": "stamps"}
 
@@ -106,6 +107,19 @@ def place_text(place: Place) -> str:
     """Channel, axis, band and stretch of time."""
     when = "the whole record" if place.window_s is None else f"{place.window_s[0]:.0f} to {place.window_s[1]:.0f} s"
     return f"the {channel_text(place.channel, place.axis)}, {band_text(*place.band_hz)}, {when}"
+
+
+def transfer_text(found: Transfer) -> str:
+    """How what has no name follows the ship's motion, at the frequency at which that is known best."""
+    k = found.best
+    into, source = channel_text(found.channel, found.axis), channel_text(found.source, found.source_axis)
+    told = f"{nats(found.evidence_nats)} nats held out"
+    if found.evidence_nats < SURE_NATS:
+        return f"In the {into}, what has no name follows no motion of the ship: the {source} comes nearest ({told})."
+    unit = "" if found.unit == "1" else f" {found.unit}"
+    gain = f"gain {found.gain[k]:.3g} ± {found.gain_std[k]:.1g}{unit} at {found.frequency[k]:.2f} Hz"
+    phase = f"phase {np.degrees(found.phase[k]):+.0f} ± {np.degrees(found.phase_std[k]):.0f}°"
+    return f"Into the {into}, what has no name follows the {source} ({told}): {gain}, {phase}."
 
 
 def band_text(low: float, high: float) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from schemas.diagnosis import Spectrum, Trace
+from schemas.diagnosis import Spectrum, Trace, Transfer
 from schemas.rig import FloatArray
 from stages.publish.spectrum import welch
 
@@ -23,6 +23,12 @@ def telling(traces: Sequence[Trace], most: int) -> list[Trace]:
 def whitened_spectra(traces: Sequence[Trace]) -> list[Spectrum]:
     """One-sided densities of whitened traces, flat at 2 dt where the twin is right; none of what is too short."""
     return [_spectrum(trace) for trace in traces if len(trace.t) >= SHORTEST]
+
+
+def transfer_gain(found: Transfer) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Gain (k,) with one standard error less and more, all within a factor of hundred of it, for logarithmic axes."""
+    low, high = found.gain - found.gain_std, found.gain + found.gain_std
+    return found.gain, np.maximum(low, 0.01 * found.gain), np.minimum(high, 100.0 * found.gain)
 
 
 def _spectrum(trace: Trace) -> Spectrum:

@@ -7,14 +7,15 @@ from pathlib import PurePath
 
 import numpy as np
 
-from schemas.diagnosis import Diagnosis, Finding, Localisation, Spectrum, Trace
+from schemas.diagnosis import Diagnosis, Finding, Localisation, Spectrum, Trace, Transfer
+from schemas.rig import FloatArray
 from stages.publish import diagnosis_words as words
 from stages.publish.axis import Axis, decades_of, span_of, time_axis
 from stages.publish.page.charts import Bar, Bars, HeatMap, bars, heat_map
 from stages.publish.page.figure import BLUE, GREEN, GREY, ORANGE, RED, Line, Plot, plot
 from stages.publish.page.html import Html, bullets, join, paragraph, section, table, tag
 from stages.publish.page.sheet import Sheet, render, verdict_box
-from stages.publish.residual import telling, whitened_spectra
+from stages.publish.residual import telling, transfer_gain, whitened_spectra
 
 SPREAD = 4.0  # of a whitened trace: unit variance under the model
 MOST_TRACES = 4
@@ -36,6 +37,7 @@ def diagnosis_page(diagnosis: Diagnosis, provenance: Mapping[str, str], made: st
         section("How far the gap shrinks", _shrinkage(diagnosis)),
         section("The estimate on log and twin", _errors(diagnosis)),
         section("Where the gap lies", _places(diagnosis), *_maps(diagnosis.localisation)),
+        section("How it follows the ship", _transfer(diagnosis.transfer)),
         section("Residual spectra, before and after", _spectra(diagnosis)),
         section("Whitened residual in time", _traces(diagnosis)),
         section("Everything that was tested", _evidence(diagnosis), _tested(diagnosis)),
@@ -125,6 +127,28 @@ def _maps(found: Localisation | None) -> list[Html]:
         heat_map(HeatMap("By channel and frequency", rows, bands, by_band, "nats", "frequency [Hz]")),
         heat_map(HeatMap("By channel and time", rows, times, by_block, "nats", axis.label)),
     ]
+
+
+def _transfer(found: Transfer | None) -> Html:
+    """Gain and phase of what has no name."""
+    if found is None:
+        return join([])
+    x = Axis(float(found.frequency[0]), float(found.frequency[-1]), "frequency [Hz]", log=True)
+    gain, low, high = transfer_gain(found)
+    phase = [np.degrees(found.phase + sign * found.phase_std) for sign in (0.0, -1.0, 1.0)]
+    drawn = [
+        ("gain", Axis(*decades_of([gain]), f"[{found.unit}]", log=True), (gain, low, high)),
+        ("phase", Axis(-180.0, 180.0, "[deg]"), phase),
+    ]
+    figures = [
+        plot(Plot(title, x, y, _with_errors(found.frequency, *values), height=230.0, width=300.0))
+        for title, y, values in drawn
+    ]
+    return join([paragraph(words.transfer_text(found)), tag("div", *figures, class_="row")])
+
+
+def _with_errors(f: FloatArray, value: FloatArray, low: FloatArray, high: FloatArray) -> list[Line]:
+    return [Line(f, low, GREY, "1 sigma"), Line(f, high, GREY, ""), Line(f, value, BLUE, "found", 2.0)]
 
 
 def _spectra(d: Diagnosis) -> Html:

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from schemas.diagnosis import Diagnosis, Localisation, Spectrum, Trace
+from schemas.diagnosis import Diagnosis, Localisation, Spectrum, Trace, Transfer
 from schemas.rig import FloatArray
 from stages.publish import diagnosis_words as words
 from stages.publish.axis import Axis, decades_of, time_axis
@@ -19,7 +19,7 @@ from stages.publish.recording.overview import KEY_SHARE
 from stages.publish.recording.scene import BLUE, GREEN, GREY, ORANGE, RED
 from stages.publish.recording.sheet import Row, bars_height, log_bars, log_map, map_view, sheet_view
 from stages.publish.recording.stream import record, send_lines
-from stages.publish.residual import telling, whitened_spectra
+from stages.publish.residual import telling, transfer_gain, whitened_spectra
 
 MOST_BARS = 14
 MOST_SPECTRA = 9
@@ -27,6 +27,7 @@ MOST_TRACES = 6
 MOST_LETTERS = 28  # of a bar's name
 MAP_HEIGHT = 56.0
 SPECTRA_IN_ROW, SPECTRUM_HEIGHT, ALL_SPECTRA_HEIGHT = 3, 80.0, 260.0
+TRANSFER_HEIGHT = 80.0
 SCALE = tuple((words.signed_log(v), f"{v:g}") for v in (-100.0, 0.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6))
 SHORT = ("log", "twin", "twin + effects", "compensated")
 TRACE_NAMES = ("before", "after", "what the effect foretells")
@@ -64,6 +65,9 @@ def _log(rec: rr.RecordingStream, d: Diagnosis) -> None:
         log_chart(rec, f"spectra/{index}", _spectrum_chart(spectrum, _spectrum_height(len(found))))
     for index, trace in enumerate(telling(d.traces, MOST_TRACES)):
         _log_trace(rec, index, trace)
+    if d.transfer is not None:
+        for name, chart in _transfer_charts(d.transfer).items():
+            log_chart(rec, f"transfer/{name}", chart)
     log_key(rec, "residual_key", list(zip(TRACE_NAMES, TRACE_COLOURS)))
 
 
@@ -92,6 +96,12 @@ def _tabs(d: Diagnosis, axis: rrb.TimeAxis) -> list[rrb.Container]:
         height = _spectrum_height(len(found))
         charts = [chart_view(f"spectra/{k}", title, height) for k, (title, _) in enumerate(found)]
         tabs.append(rrb.Grid(*charts, grid_columns=min(SPECTRA_IN_ROW, len(charts)), name="Spectra"))
+    if d.transfer is not None:
+        source = words.channel_text(d.transfer.source, d.transfer.source_axis)
+        into = words.channel_text(d.transfer.channel, d.transfer.axis)
+        charts = [chart_view(f"transfer/{name}", f"{name}, {source} → {into}", TRANSFER_HEIGHT)
+                  for name in _transfer_charts(d.transfer)]  # fmt: skip
+        tabs.append(rrb.Vertical(*charts, name="Follows"))
     drawn = telling(d.traces, MOST_TRACES)
     if drawn:
         views = [layout.lines_view(axis, f"Whitened residual, {words.channel_text(one.channel, one.axis)} [1]",
@@ -122,9 +132,11 @@ def diagnosis_text(d: Diagnosis) -> str:
         rows = [[plain_markdown(cell) for cell in row] for row in words.parameters(finding)]
         evidence = f"evidence {words.nats(finding.evidence_nats)} nats"
         parts += [f"## {plain_markdown(finding.name)}, {evidence}", table(["parameter", "value ± std"], rows)]
+    follows = [] if d.transfer is None else [words.transfer_text(d.transfer)]
     sections = {
         "What to do next": d.advice,
         "Where it shows": [words.place_text(place) for place in d.where[:5]],
+        "How it follows the ship": follows,
         "Look-alikes": words.look_alikes(d),
         "What to distrust": d.notes,
         "What could not be tested": [f"{name}: {why}" for name, why in d.untestable.items()],
@@ -194,6 +206,23 @@ def _spectrum_chart(one: Spectrum, height: float) -> Chart:
         Curve(f, after, BLUE, "after"),
     ]
     return Chart(x, y, curves, height=height)
+
+
+def _transfer_charts(found: Transfer) -> dict[str, Chart]:
+    """Gain and phase of what has no name, with their standard errors."""
+    f = found.frequency
+    x = Axis(float(f[0]), float(f[-1]), "frequency [Hz]", True)
+    values = transfer_gain(found)
+    phases = [np.clip(np.degrees(found.phase + sign * found.phase_std), -180.0, 180.0) for sign in (0.0, -1.0, 1.0)]
+    gain, phase = Axis(*decades_of([values[0]]), f"gain [{found.unit}]", True), Axis(-180.0, 180.0, "phase [deg]")
+    return {
+        "gain": Chart(x, gain, _with_errors(f, *values), height=TRANSFER_HEIGHT),
+        "phase": Chart(x, phase, _with_errors(f, *phases), height=TRANSFER_HEIGHT),
+    }
+
+
+def _with_errors(f: FloatArray, value: FloatArray, low: FloatArray, high: FloatArray) -> list[Curve]:
+    return [Curve(f, low, GREY, "1 sigma"), Curve(f, high, GREY, ""), Curve(f, value, BLUE, "found")]
 
 
 def _log_trace(rec: rr.RecordingStream, index: int, one: Trace) -> None:
