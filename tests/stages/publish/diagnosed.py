@@ -14,6 +14,7 @@ from schemas.diagnosis import (
     Spectrum,
     Tested,
     Trace,
+    Transfer,
     Verdict,
 )
 
@@ -120,4 +121,12 @@ def no_gap() -> Diagnosis:
 def unknown() -> Diagnosis:
     """A gap that nothing in the library explains."""
     low = tuple(Tested(name, 9.0, 14.0, False, "halves of the log disagree") for name in ("time_delay", "lever_arm"))
-    return diagnosis(verdict=Verdict.UNKNOWN_EFFECT, effects=(), gap=Gap(1.42, 1.42, 0.0, (0.0, 0.1)), tested=low)
+    gap = Gap(1.42, 1.42, 0.0, (0.0, 0.1))
+    return diagnosis(verdict=Verdict.UNKNOWN_EFFECT, effects=(), gap=gap, tested=low, transfer=transfer())
+
+
+def transfer() -> Transfer:
+    """What has no name follows the roll rate, a little late."""
+    frequency = np.geomspace(0.02, 0.5, 25)
+    gain, phase = np.full(25, 2e-3), -2.0 * np.pi * 0.02 * frequency
+    return Transfer("sub.gyro", "z", "main.gyro", "y", "1", frequency, gain, 0.1 * gain, phase, np.full(25, 0.1), 84.0)

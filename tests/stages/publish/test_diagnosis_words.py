@@ -11,6 +11,7 @@ from rerun.chunk import RrdReader
 from schemas.diagnosis import Finding, Gap, ParameterEstimate
 from schemas.diagnosis import Tested as Row
 from stages.publish import diagnosis_words as words
+from stages.publish.page.diagnosis import diagnosis_page
 from stages.publish.recording.diagnosis import diagnosis_text, write_diagnosis_recording
 from tests.stages.publish import diagnosed
 from tests.stages.publish.test_rerun_bridge import bar_lengths, chunks, column, column_text, view_names
@@ -125,6 +126,21 @@ def test_a_diagnosis_with_nothing_to_draw_is_recorded_too(tmp_path):
         write_diagnosis_recording(one, path)
         assert RrdReader(path).recordings()
         assert "/answer" in chunks(path)
+
+
+def test_how_what_has_no_name_follows_the_ship_is_said_and_drawn(tmp_path):
+    told = words.transfer_text(diagnosed.transfer())
+    assert "gyro of the sub-IMU, z" in told
+    assert "follows the gyro of the main IMU, y (84.0 nats held out): gain 0.002 ± 0.0002" in told
+    weak = replace(diagnosed.transfer(), evidence_nats=3.0)
+    assert "follows no motion of the ship" in words.transfer_text(weak)
+    path = tmp_path / "unknown.rrd"
+    write_diagnosis_recording(diagnosed.unknown(), path)
+    assert {"gain, gyro of the main IMU, y → gyro of the sub-IMU, z"} <= set(view_names(path))
+    assert any(name.startswith("/transfer/phase") for name in chunks(path))
+    assert "How it follows the ship" in diagnosis_text(diagnosed.unknown())
+    assert "How it follows the ship" not in diagnosis_text(diagnosed.diagnosis())
+    assert "follows the gyro of the main IMU, y" in diagnosis_page(diagnosed.unknown(), {})
 
 
 def test_nothing_from_outside_is_markup_in_the_document():
