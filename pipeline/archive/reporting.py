@@ -18,6 +18,7 @@ from stages.publish.archive import AGAINST_THE_SEA, ArchiveReport, Listing
 from stages.publish.diagnosis_words import value_text
 from stages.publish.document import number
 
+PLAIN = 1e-4  # standard deviations between it and its inverse are written without exponents
 DISTRUST = {"bad": "do not rely on it", "care": "with care", "good": "good"}
 
 
@@ -95,7 +96,7 @@ def _signed(value: float, digits: int) -> str:
 
 def _with_std(value: float, std: float) -> str:
     """Both to the second digit of the standard deviation: ``+3.90 ± 0.32``."""
-    digits = 1 - math.floor(math.log10(std)) if std > 0 else 3
+    digits = 1 - math.floor(math.log10(float(f"{std:.1e}"))) if std > 0 else 3
     digits = min(max(digits, 0), 6)
     return _minus(f"{value:+.{digits}f} ± {std:.{digits}f}")
 
@@ -236,8 +237,11 @@ def size_rows(group: Group) -> list[tuple[str, ...]]:
 
 def _size(agreed: Agreed, unit: str) -> tuple[str, str, str]:
     """``0.003993 ± 4.3e-06 s``, ``9.1 of 8``, ``agree``."""
-    shown = value_text(ParameterEstimate(agreed.value, agreed.std, unit))
-    return _minus(shown), f"{agreed.chi2:.1f} of {agreed.dof}", "agree" if agreed.agrees else "disagree"
+    if PLAIN <= agreed.std < 1.0 / PLAIN:
+        shown = f"{_with_std(agreed.value, agreed.std)} {unit}".strip()
+    else:
+        shown = _minus(value_text(ParameterEstimate(agreed.value, agreed.std, unit)))
+    return shown, f"{agreed.chi2:.1f} of {agreed.dof}", "agree" if agreed.agrees else "disagree"
 
 
 def worst_rows(survey: Survey) -> list[tuple[str, ...]]:

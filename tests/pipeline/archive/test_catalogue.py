@@ -171,6 +171,8 @@ def test_sizes_of_a_repeating_effect_are_drawn_over_the_voyages_with_the_common_
     assert np.ptp(trend.stamp) == 28 * 86_400_000_000_000
     assert [fit.value[0] for fit in trend.fits] == pytest.approx([0.055, 0.11, 0.165])
     assert {fit.name for fit in trend.fits} == {"common value"}
+    sizes = [row[2:4] for row in size_rows(surveyed(framed(rows)).groups[0])]
+    assert sizes == [("x", "+0.0550 ± 0.0071 m"), ("y", "+0.110 ± 0.010 m"), ("z", "+0.165 ± 0.015 m")]
 
 
 def test_the_same_effect_about_another_axis_is_another_effect():
