@@ -200,8 +200,8 @@ def error_periods(base: Baseline) -> list[float]:
     t, y = _seconds(base.t, np.nan_to_num(base.residual()[:, 6:9]))
     length = t[-1] - t[0]
     frequency = np.arange(1.0 / (LONGEST_PERIOD * length), 1.0 / SHORTEST_PERIOD_S, 0.25 / length)
-    phase = 2.0 * np.pi * frequency[:, None] * (t - t[0])
-    power = sum(np.abs(np.exp(-1j * phase) @ column) ** 2 for column in y.T)
+    turned = np.exp(-2j * np.pi * frequency[:, None] * (t - t[0]))
+    power = (np.abs(turned @ y) ** 2).sum(axis=1)
     out: list[float] = []
     for k in np.argsort(power)[::-1]:
         period = float(1.0 / frequency[k])

@@ -87,6 +87,13 @@ def test_the_flexure_is_found_beside_slow_bending() -> None:
     np.testing.assert_allclose(np.log(found.damping / MU), 0.0, atol=0.3)
 
 
+def test_columns_that_are_one_another_or_nothing_gain_what_one_of_them_does() -> None:
+    angle = seen(np.random.default_rng(5), bending=20.0)
+    one = sine(angle, 700.0)
+    alone, twice = slow.fit(angle, one), slow.fit(angle, np.hstack([one, one, 0.0 * one]))
+    np.testing.assert_allclose(twice.nats, alone.nats, atol=0.1)
+
+
 def test_gaps_are_bridged() -> None:
     angle = seen(np.random.default_rng(7), bending=25.0)
     angle.theta[600:700] = np.nan
