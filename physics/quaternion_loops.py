@@ -1,4 +1,7 @@
-"""Products, rotations and cross products of many quaternions and vectors, compiled; they broadcast as numpy does."""
+"""Products, rotations and cross products of many quaternions and vectors, compiled; they broadcast as numpy does.
+
+Sums are in the order of :mod:`physics.quaternions`: the same bits come out, compiled or not.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +32,6 @@ def rotate(q, v, out):  # type: ignore[no-untyped-def]
     x, y, z, s = q[0], q[1], q[2], q[3]
     v0, v1, v2 = v[0], v[1], v[2]
     t0, t1, t2 = 2.0 * (y * v2 - z * v1), 2.0 * (z * v0 - x * v2), 2.0 * (x * v1 - y * v0)
-    out[0] = v0 + s * t0 + y * t2 - z * t1
-    out[1] = v1 + s * t1 + z * t0 - x * t2
-    out[2] = v2 + s * t2 + x * t1 - y * t0
+    out[0] = v0 + s * t0 + (y * t2 - z * t1)
+    out[1] = v1 + s * t1 + (z * t0 - x * t2)
+    out[2] = v2 + s * t2 + (x * t1 - y * t0)

@@ -7,6 +7,7 @@ All are unit quaternions with the shape (..., 4); ``multiply(q_a_b, q_b_c)`` is 
 
 from __future__ import annotations
 
+import sys
 from types import ModuleType
 
 import numpy as np
@@ -15,10 +16,13 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 MANY = 20_000  # numbers beyond which compiled loops pay
+VERY_MANY = 2_000_000  # and beyond which it pays to load the compiler for them
 
 
 def _many(*arrays: FloatArray) -> bool:
-    return any(array.size > MANY for array in arrays) and all(array.dtype == np.float64 for array in arrays)
+    most = max(array.size for array in arrays)
+    pays = most > MANY and ("numba" in sys.modules or most > VERY_MANY)
+    return pays and all(array.dtype == np.float64 for array in arrays)
 
 
 def _compiled() -> ModuleType:

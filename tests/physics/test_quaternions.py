@@ -1,4 +1,7 @@
+import importlib
+
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from physics import quaternions, rotations
@@ -43,6 +46,7 @@ def test_cross_product() -> None:
 
 
 def test_many_are_carried_as_few_are_whatever_their_shapes() -> None:
+    importlib.import_module("numba")  # without it, few as these are carried by numpy
     n = quaternions.MANY
     q = quaternions.exp(RNG.normal(size=(n, 3)))
     v, one = RNG.normal(size=(n, 3)), quaternions.exp(np.array([0.3, -0.2, 0.9]))
@@ -52,3 +56,14 @@ def test_many_are_carried_as_few_are_whatever_their_shapes() -> None:
     product = (R * Rotation.from_quat(one)).as_matrix()
     np.testing.assert_allclose(Rotation.from_quat(quaternions.multiply(q, one[None])).as_matrix(), product, atol=1e-13)
     np.testing.assert_allclose(quaternions.cross(v[::2], v[1::2]), np.cross(v[::2], v[1::2]), atol=1e-13)
+
+
+def test_compiled_or_not_the_same_bits_come_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    importlib.import_module("numba")
+    q, other = (quaternions.exp(RNG.normal(size=(quaternions.MANY, 3))) for _ in range(2))
+    v = RNG.normal(size=(quaternions.MANY, 3))
+    given = ((quaternions.multiply, q, other), (quaternions.rotate, q, v), (quaternions.cross, v, v[::-1]))
+    compiled = [function(a, b) for function, a, b in given]
+    monkeypatch.setattr(quaternions, "MANY", 1 << 60)
+    for (function, a, b), expected in zip(given, compiled):
+        np.testing.assert_array_equal(function(a, b), expected)
