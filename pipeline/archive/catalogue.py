@@ -16,7 +16,6 @@ from pipeline.archive.source import MARKED
 from pipeline.archive.stores import Store, StoreError
 from schemas.errors import DataError
 
-FILE = CATALOGUE
 READERS = 16  # entries fetched beside each other: in a bucket each takes tens of milliseconds, most of it waiting
 PORTION = 2000  # entries read before they become rows
 
@@ -42,7 +41,7 @@ def load_catalogue(store: Store) -> Catalogue:
     missing = [entry for entry in manifest.states.items() if entry not in known]
     added, notes = _read(store, missing)
     frame = _sorted(pl.concat([kept, added]))
-    if len(added) or len(frame) != len(kept) or not store.exists(FILE):
+    if len(added) or len(frame) != len(kept) or not store.exists(CATALOGUE):
         notes += _written(store, frame)
     current = set(manifest.contents.values())
     return Catalogue(frame.with_columns(pl.col("sha256").is_in(list(current)).alias("current")), tuple(notes))
@@ -50,10 +49,10 @@ def load_catalogue(store: Store) -> Catalogue:
 
 def _kept(store: Store, manifest: Manifest) -> pl.DataFrame:
     """Rows of the last catalogue that still hold; none where it is of another make."""
-    if not store.exists(FILE):
+    if not store.exists(CATALOGUE):
         return pl.DataFrame(schema=SCHEMA)
     try:
-        frame = pl.read_parquet(io.BytesIO(store.read(FILE)))
+        frame = pl.read_parquet(io.BytesIO(store.read(CATALOGUE)))
     except (pl.exceptions.PolarsError, OSError):
         return pl.DataFrame(schema=SCHEMA)
     if dict(frame.schema) != SCHEMA:
@@ -102,7 +101,7 @@ def _written(store: Store, frame: pl.DataFrame) -> list[str]:
     buffer = io.BytesIO()
     frame.write_parquet(buffer, compression="zstd")
     try:
-        store.write(FILE, buffer.getvalue())
+        store.write(CATALOGUE, buffer.getvalue())
     except StoreError as error:
         return [f"the catalogue is not kept: {error}"]
     return []

@@ -174,7 +174,7 @@ def catalogue(
     """Say what an archive says: drift of the static angle, flexure against the sea, effects that repeat, worst logs."""
     from pipeline.archive import catalogue as catalogues
     from pipeline.archive.catalogue_printing import catalogue_parts, frame_table, write_report
-    from pipeline.archive.manifest import spare_own_files
+    from pipeline.archive.manifest import CATALOGUE, spare_own_files
     from pipeline.archive.remote import joined
     from pipeline.archive.reporting import archive_report
     from pipeline.archive.stores import open_store
@@ -199,7 +199,7 @@ def catalogue(
     rows = _asked("--where", lambda: catalogues.selected(loaded.frame, where))
     shown, left_out = catalogues.latest(rows)
     survey = surveyed(shown, by, left_out)
-    path = joined(store.root, catalogues.FILE)
+    path = joined(store.root, CATALOGUE)
     title = Path(store.root).name or store.root
     origin = {"deckflex": deckflex_version(), "archive": title, "where": where or ""}  # wherever it lies
     made = archive_report(survey, title, loaded.notes, origin)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import islice
 
 import numpy as np
@@ -145,18 +145,14 @@ class Response:
 
     def many(self, signals: Iterable[Signals]) -> FloatArray:
         """(N, 9, K) of K signals, a few of which are held at a time."""
-        parts = list(self.parts(signals))
-        return np.concatenate(parts, axis=2) if parts else np.zeros((len(self.index), 9, 0))
-
-    def parts(self, signals: Iterable[Signals]) -> Iterator[FloatArray]:
-        """(N, 9, k) of the next k of many signals, TOGETHER at most."""
-        left = iter(signals)
+        left, parts = iter(signals), []
         while some := list(islice(left, TOGETHER)):
             part = np.zeros((len(self.index), 9, len(some)))
             self._sensors(some, part)
             for k, one in enumerate(some):
                 self._deck(one, part[:, :, k])
-            yield part
+            parts.append(part)
+        return np.concatenate(parts, axis=2) if parts else np.zeros((len(self.index), 9, 0))
 
     def _deck(self, signals: Signals, out: FloatArray) -> None:
         if signals.bending is not None:  # it moves the lever arm as the model says, so that u is left as it is

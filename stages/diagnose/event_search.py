@@ -91,10 +91,8 @@ def _spread(z: FloatArray, usable: BoolArray, block: int) -> FloatArray:
     edges = np.arange(0, len(z), block)
     size, values = np.abs(z), np.zeros(len(edges))
     for b, k in enumerate(edges):
-        part, use = size[k : k + block], usable[k : k + block]
-        part = part if use.all() else part[use]
-        if len(part):
-            values[b] = np.partition(part, len(part) // 2)[len(part) // 2]
+        part = size[k : k + block][usable[k : k + block]]
+        values[b] = np.median(part) if len(part) else 0.0
     spread = np.maximum(MAD * values, 1.0)
     return np.asarray(np.interp(np.arange(len(z)), edges + 0.5 * block, spread))
 

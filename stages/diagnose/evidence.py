@@ -15,6 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from physics.normal import solve_normal
 from schemas.products import BoolArray
 from schemas.rig import FloatArray
 
@@ -119,10 +120,8 @@ def solve(G: FloatArray, precision: FloatArray, chosen: Sequence[int]) -> Fit:
     """Ridge solution of some regressors of one Gram matrix (K + 1, K + 1)."""
     k = list(chosen)
     A, b = G[np.ix_(k, k)] + np.diag(precision[k]), G[k, -1]
-    size = np.sqrt(np.maximum(np.diag(A), 1e-300))  # units differ by many powers of ten
-    root = np.linalg.inv(A / np.outer(size, size) + 1e-10 * np.eye(len(k)))
-    value = root @ (b / size) / size
-    return Fit(value, root / np.outer(size, size), 0.5 * float(value @ b))
+    solved = solve_normal(A, np.column_stack([b, np.eye(len(k))]))
+    return Fit(solved[:, 0], solved[:, 1:], 0.5 * float(solved[:, 0] @ b))
 
 
 def folds(gram_: Gram) -> tuple[BoolArray, BoolArray]:
@@ -209,9 +208,7 @@ def _held_out_draws(
     total = np.zeros(b.shape[2])
     for train in halves:
         A = G[train].sum(axis=0)[np.ix_(k, k)] + np.diag(precision[k])
-        size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        moment = b[train].sum(axis=0)[k] / size[:, None]
-        value = np.linalg.solve(A / np.outer(size, size) + 1e-10 * np.eye(len(k)), moment) / size[:, None]
+        value = solve_normal(A, b[train].sum(axis=0)[k])
         test, moment = G[~train].sum(axis=0)[np.ix_(k, k)], b[~train].sum(axis=0)[k]
         total += np.sum(value * moment, axis=0) - 0.5 * np.einsum("id,ij,jd->d", value, test, value, optimize=True)
     return total

@@ -6,7 +6,7 @@ import numpy as np
 
 from schemas.diagnosis import Comparison, Finding, Gap
 from schemas.rig import FloatArray
-from stages.diagnose.evidence import gram, held_out, held_out_sum
+from stages.diagnose.evidence import Table, held_out, held_out_sum
 from stages.diagnose.selection import TOLERATED, Selection
 
 DRAWS = 400
@@ -80,13 +80,11 @@ def comparisons(
 
 def _placebo(chosen: Selection, base: list[int], more: list[int]) -> FloatArray:
     """The regressors of the answer half a record out of step."""
-    columns = chosen.regressors.columns
+    columns, names = chosen.regressors.columns, [str(k) for k in (*base, *more)]
     moved = np.roll(columns[:, :, more], len(columns) // 2, axis=0)
-    values = restored_values(chosen)
-    stacked = np.concatenate([columns[:, :, base], moved], axis=2)
-    names = [str(k) for k in range(stacked.shape[2])]
-    precision = np.concatenate([chosen.gram.precision[base], np.zeros(len(more))])
-    own = gram(names, stacked, values, chosen.base.t, precision)
+    precision, t = chosen.gram.precision[base], chosen.base.t
+    table = Table.of(names[: len(base)], columns, restored_values(chosen), t, precision, chosen=base)
+    own = table.widened(names[len(base) :], moved, np.zeros(len(more)))
     return held_out(own, range(len(base)), range(len(base), len(names)))
 
 

@@ -15,6 +15,7 @@ from itertools import islice, product
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from physics.normal import solve_normal
 from physics.units import DEG_PER_HOUR
 from schemas.rig import FloatArray
 from stages.diagnose import whitening
@@ -94,11 +95,7 @@ def wander(base: Baseline, made: Basis, columns: FloatArray, precision: FloatArr
     terms, K = made.columns.shape[2], columns.shape[2]
     G = _moments(columns, made.columns, base.whitened.values)
     A, B, C = G[:K, :K] + np.diag(precision), G[:K, K:-1], G[K:-1, K:-1]
-    size = np.sqrt(np.diag(A))
-    solved = np.linalg.solve(
-        A / np.outer(size, size) + 1e-10 * np.eye(K), np.column_stack([B, G[:K, -1]]) / size[:, None]
-    )
-    solved /= size[:, None]
+    solved = solve_normal(A, np.column_stack([B, G[:K, -1]]))
     information = C - B.T @ solved[:, :-1]
     moment = G[K:-1, -1] - B.T @ solved[:, -1]
     grid = list(product(SIGMAS, TAUS_S))

@@ -18,6 +18,7 @@ from scipy.optimize import minimize
 
 from physics.flexure import noise_covariance, stationary_covariance, transition
 from physics.kalman import FAST
+from physics.normal import solve_normal
 from physics.units import ARCMIN
 from schemas.products import FlexureModel
 from schemas.rig import FloatArray
@@ -117,9 +118,7 @@ def _fit_axis(seen: Angle, axis: int, columns: FloatArray) -> tuple[FloatArray, 
         F, Q = transition(mu, b2, step), noise_covariance(mu, b2, std, step)
         white, log_det = _whitened(F, Q, stationary_covariance(b2, std), seen.walk * float(step), SEEN**2, Y)
         G = white.T @ white
-        sizes = np.sqrt(np.maximum(np.diag(G)[1:], 1e-300))  # columns may be nearly one another, or nothing
-        tied = G[1:, 1:] / np.outer(sizes, sizes) + 1e-9 * np.eye(len(sizes))
-        value = np.linalg.solve(tied, G[1:, 0] / sizes) / sizes
+        value = solve_normal(G[1:, 1:], G[1:, 0])
         prior = float(np.sum((x - seen.believed[axis]) ** 2)) / SHARE**2
         return 0.5 * (float(G[0, 0] - value @ G[1:, 0]) + log_det + prior)
 

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from physics.flexure import driven
+from physics.normal import solve_normal
 from physics.units import ARCMIN
 from schemas.rig import FloatArray
 from stages.diagnose.evidence import Gram
@@ -29,7 +30,7 @@ LINEAR = tuple(f"deck|{kind}|{axis}" for kind in ("damping", "stiffness") for ax
 NAMES = (*LINEAR, *(f"deck|cubic|{axis}" for axis in "xyz"))
 NUISANCES = tuple(f"{kind} {axis}" for kind in ("damping", "stiffness") for axis in "xyz")  # in whose place these stand
 STARTS = (0.0, 0.3, 2.0)  # of the gain, over the square of the deck's size
-TIED = 1e-10  # of a column's moment: what keeps columns that are nearly one another apart
+TIED = 1e-10  # information on a gain that the log says nothing of: what keeps its variance finite
 
 
 @dataclass(frozen=True)
@@ -114,8 +115,6 @@ def _moments(gram: Gram, base: Sequence[int]) -> tuple[FloatArray, FloatArray]:
     others = [k for k in base if gram.names[k] not in (*NUISANCES, *NAMES)]
     own, G = gram.index(NAMES), gram.total
     A = G[np.ix_(others, others)] + np.diag(gram.precision[others])
-    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    mixed = G[np.ix_(others, [*own, -1])] / size[:, None]
-    solved = np.linalg.solve(A / np.outer(size, size) + TIED * np.eye(len(size)), mixed)
-    left = G[np.ix_(own, [*own, -1])] - mixed[:, :-1].T @ solved
+    mixed = G[np.ix_(others, [*own, -1])]
+    left = G[np.ix_(own, [*own, -1])] - mixed[:, :-1].T @ solve_normal(A, mixed)
     return left[:, :-1], left[:, -1]
