@@ -32,22 +32,12 @@ def gap_starts(stamp: IntArray) -> IntArray:
     return np.flatnonzero(np.diff(stamp) > BREAK_FACTOR * usual_interval(stamp)).astype(np.int64)
 
 
-def attitude_samples(stamp: IntArray, attitude: FloatArray | None) -> tuple[IntArray, FloatArray] | None:
-    """Stamps and unit quaternions of those samples (n, 4) that are an attitude; None when fewer than two are."""
-    if attitude is None:
-        return None
-    norm = np.linalg.norm(attitude, axis=1)
-    good = np.isfinite(norm) & (norm > 0.5)
-    if good.sum() < 2:
-        return None
-    return stamp[good], attitude[good] / norm[good, None]
-
-
-def bracket(stamp: IntArray, at: IntArray) -> tuple[IntArray, FloatArray, BoolArray]:
+def bracket(stamp: IntArray, at: IntArray, usual: float | None = None) -> tuple[IntArray, FloatArray, BoolArray]:
     """Where times ``at`` (m,) ns lie among increasing stamps (n,) ns.
 
     Returns index k (m,) and fraction f (m,) with ``at = stamp[k] + f (stamp[k+1] - stamp[k])``, f exactly 0 on a
-    stamp, and valid (m,): on a stamp, or between two neighbours no further apart than a usual interval allows.
+    stamp, and valid (m,): on a stamp, or between two neighbours no further apart than a usual interval allows (ns;
+    that of the stamps unless it is given).
     """
     last = max(len(stamp) - 2, 0)
     k = np.clip(np.searchsorted(stamp, at, side="right") - 1, 0, len(stamp) - 1)
@@ -55,17 +45,20 @@ def bracket(stamp: IntArray, at: IntArray) -> tuple[IntArray, FloatArray, BoolAr
     step = stamp[following] - stamp[k]
     fraction = np.where(step > 0, (at - stamp[k]) / np.maximum(step, 1), 0.0)
     on_stamp = at == stamp[k]
-    inside = (at > stamp[0]) & (k <= last) & (step > 0) & (step <= GAP_FACTOR * usual_interval(stamp))
+    longest = GAP_FACTOR * (usual_interval(stamp) if usual is None else usual)
+    inside = (at > stamp[0]) & (k <= last) & (step > 0) & (step <= longest)
     return k.astype(np.int64), np.where(on_stamp, 0.0, fraction), on_stamp | inside
 
 
-def slerp_quaternions(stamp: IntArray, attitude: FloatArray, at: IntArray) -> tuple[FloatArray, BoolArray]:
+def slerp_quaternions(
+    stamp: IntArray, attitude: FloatArray, at: IntArray, usual: float | None = None
+) -> tuple[FloatArray, BoolArray]:
     """``q(at) = q_k Exp(f Log(q_k^-1 q_k+1))`` for unit quaternions (n, 4) x, y, z, w at stamps (n,) ns.
 
     Returns the quaternions (k, 4) at the valid ones of ``at`` (m,) ns and the mask valid (m,): exact on a stamp,
-    invalid before the first, after the last and inside a gap.
+    invalid before the first, after the last and inside a gap. usual: as in :func:`bracket`.
     """
-    k, fraction, valid = bracket(stamp, at)
+    k, fraction, valid = bracket(stamp, at, usual)
     k, fraction = k[valid], fraction[valid]
     start = attitude[k]
     between = np.flatnonzero(fraction)

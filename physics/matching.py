@@ -106,18 +106,13 @@ def turned(q: FloatArray, x: float, y: float, z: float) -> tuple[float, float, f
 
 
 @njit(cache=True, nogil=True)
-def _integrate(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[FloatArray, FloatArray]:
-    n = len(t)
-    attitude = np.zeros((n, 4))
-    velocity = np.zeros((n, 3))
-    attitude[0, 3] = 1.0
-    q = np.array([0.0, 0.0, 0.0, 1.0])
+def _integrate(
+    t: FloatArray, gyro: FloatArray, accel: FloatArray, before: FloatArray, attitude: FloatArray, velocity: FloatArray
+) -> None:
+    q = attitude[0].copy()
     half = np.empty(4)
-    old = t[1] - t[0] if n > 1 else 0.0  # before the first interval all is as within it
-    first = min(1, n - 1)
-    ox, oy, oz = gyro[first, 0] * old, gyro[first, 1] * old, gyro[first, 2] * old
-    ux, uy, uz = accel[first, 0] * old, accel[first, 1] * old, accel[first, 2] * old
-    for k in range(1, n):
+    ox, oy, oz, ux, uy, uz = before
+    for k in range(1, len(t)):
         dt = t[k] - t[k - 1]
         px, py, pz = gyro[k, 0] * dt, gyro[k, 1] * dt, gyro[k, 2] * dt
         dx, dy, dz = accel[k, 0] * dt, accel[k, 1] * dt, accel[k, 2] * dt
@@ -139,7 +134,7 @@ def _integrate(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[Floa
             q[c] *= norm
             attitude[k, c] = q[c]
         ox, oy, oz, ux, uy, uz = px, py, pz, dx, dy, dz
-    return attitude, velocity
+    before[:] = ox, oy, oz, ux, uy, uz
 
 
 @njit(cache=True, nogil=True)
@@ -153,8 +148,24 @@ def _multiply(a: FloatArray, bx: float, by: float, bz: float, bw: float, out: Fl
 
 def strapdown(unit: Unit) -> Strapdown:
     """Integrate a unit from identity at its first stamp: ``A_k = A_{k-1} Exp(gyro_k dt)``, ``V_k += A f dt``."""
-    attitude, velocity = _integrate(unit.t, unit.gyro, unit.accel)
+    attitude, velocity = np.zeros((len(unit.t), 4)), np.zeros((len(unit.t), 3))
+    attitude[0, 3] = 1.0
+    carry_on(unit.t, unit.gyro, unit.accel, first_increments(unit.t, unit.gyro, unit.accel), attitude, velocity)
     return Strapdown(unit.t, attitude, velocity)
+
+
+def first_increments(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> FloatArray:
+    """(6,) increments of angle and velocity before the first interval, where all is as within it."""
+    if len(t) < 2:
+        return np.zeros(6)
+    return np.asarray(np.concatenate([gyro[1], accel[1]]) * (t[1] - t[0]))
+
+
+def carry_on(
+    t: FloatArray, gyro: FloatArray, accel: FloatArray, before: FloatArray, attitude: FloatArray, velocity: FloatArray
+) -> None:
+    """Fill attitude (n, 4) and velocity (n, 3) from their first rows on; before: (6,) last increments, brought on."""
+    _integrate(t, gyro, accel, before, attitude, velocity)
 
 
 @njit(cache=True, nogil=True)

@@ -6,26 +6,28 @@ each step of the velocity of the sub-IMU relative to the main one in m-axes, ``u
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from physics import matching, quaternions
+from physics import matching
 from physics.rotations import skew
+from schemas import scratch
 from schemas.errors import DataError
 from schemas.products import Alignment, BoolArray
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial
+from stages import paths
 from stages.motion import fast_level, likely, main_noise
+from stages.paths import slabs
 from stages.unfit import unfit
 
 STEP_S = 0.2  # s: z is free of noise at each instant, so a few hertz carry all there is
 LONG_RECORD_S = 3700.0  # s: beyond it the step is doubled, which halves time and memory
 SHORTEST_S = 10.0  # s
-SLAB = 1 << 18  # samples
 CARRIED_GAP_S = 0.1  # s: a longer gap is carried by the other unit, a shorter one by a straight line
 DULL_SHARE = 0.05  # of the interval, by which the instants lie between samples
 MARGIN_S = 2.0  # s: more than any delay that is looked for
@@ -126,9 +128,10 @@ class Observations:
 
     def total(self, d: FloatArray, delay: FloatArray) -> FloatArray:
         """(n, 4) ``Exp(-A_m^T d + omega_s delay) Y``: R_m_s, given d (N, 3) and delay (N,), s, at the steps."""
-        total = np.empty_like(self.main.attitude)
+        total = scratch.empty((len(self.t), 4))
         for part in slabs(len(self.t)):
             total[part] = self.total_at(part, d, delay)
+            scratch.release(total, self.main.attitude, self.sub.attitude)
         return total
 
     def total_at(self, rows: slice | IntArray, d: FloatArray, delay: FloatArray) -> FloatArray:
@@ -145,18 +148,24 @@ class Observations:
         """(n, c) at full rate, or at times ``at``, of values (N, c) at the steps: linear, but held on either side of a
         bridged gap."""
         at = self.t if at is None else at
-        steps = self.t[self.index]
-        after = np.flatnonzero(self.jump_s > 0.0)
+        steps, jump_s, gap_end, x = self._about(at, x)
+        after = np.flatnonzero(jump_s > 0.0)
         # Two nodes at the end of each gap: the drift may have jumped there by far more than it ever moves in a step.
-        nodes = np.concatenate([steps, np.nextafter(self.gap_end[after], -np.inf), self.gap_end[after]])
+        nodes = np.concatenate([steps, np.nextafter(gap_end[after], -np.inf), gap_end[after]])
         values = np.concatenate([x, x[after - 1], x[after]])
         order = np.argsort(nodes, kind="stable")
         return np.stack([np.interp(at, nodes[order], column) for column in values[order].T], axis=1)
 
-
-def slabs(n: int) -> Iterator[slice]:
-    """n rows by SLAB: what is worked out of them on the way is many times as large as they are."""
-    return (slice(k, min(k + SLAB, n)) for k in range(0, n, SLAB))
+    def _about(self, at: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The steps on either side of times ``at``: when they end, their gaps and what of x is theirs."""
+        steps = self.t[self.index]
+        if not len(at):
+            return steps[:1], np.zeros(1), self.gap_end[:1], x[:1]
+        first, last = np.searchsorted(steps, [at.min(), at.max()])
+        near = slice(max(int(first) - 2, 0), int(last) + 2)
+        jump_s = self.jump_s[near].copy()
+        jump_s[0] = 0.0  # its gap lies before
+        return steps[near], jump_s, self.gap_end[near], x[near]
 
 
 def _cut_unit(unit: matching.Unit, begin: float, end: float) -> matching.Unit:
@@ -171,7 +180,7 @@ def _cut_path(path: matching.Strapdown, begin: float, end: float) -> matching.St
 
 def clean_unit(series: ImuSeries, epoch: int, despike: bool = True) -> tuple[matching.Unit, int]:
     """A unit without gaps and, unless told otherwise, clipped samples and spikes: all bridged and marked as filled."""
-    t = np.asarray((series.stamp - epoch) * 1e-9, dtype=float)
+    t = scratch.shelved(np.asarray((series.stamp - epoch) * 1e-9, dtype=float))
     gyro, accel = series.gyro, series.accel
     bad = unfit(t, gyro, accel) if despike else np.zeros(len(gyro), bool)
     bad[[0, -1]] = False
@@ -180,12 +189,14 @@ def clean_unit(series: ImuSeries, epoch: int, despike: bool = True) -> tuple[mat
     if series.instantaneous:
         means = matching.interval_means(unit.gyro), matching.interval_means(unit.accel)
         unit = matching.Unit(unit.t, *means, unit.filled)
-    return unit, int(bad.sum())
+    scratch.release(series.gyro, series.accel)
+    shelved = (scratch.shelved(part) for part in (unit.t, unit.gyro, unit.accel))
+    return matching.Unit(*shelved, unit.filled), int(bad.sum())
 
 
 def pair(trial: Trial, alignment: Alignment | None = None, despike: bool = True) -> Paired:
     """Clean and integrate both units. With an alignment, the other unit, turned, carries one across its own gaps."""
-    with ThreadPoolExecutor(2) as pool:  # one unit beside the other
+    with ThreadPoolExecutor(paths.beside(len(trial.main))) as pool:  # one unit beside the other
         cleaned = pool.map(lambda series: clean_unit(series, trial.epoch, despike), (trial.main, trial.sub))
         (main, spikes_main), (sub, spikes_sub) = cleaned
         if alignment is not None:
@@ -193,7 +204,7 @@ def pair(trial: Trial, alignment: Alignment | None = None, despike: bool = True)
             main = _carried(main, sub, alignment.rotation, delay, ~sub.filled)
             # Where both have a gap the sub follows the bridged main, so that the angle between them is held.
             sub = _carried(sub, main, alignment.rotation.T, -delay, np.ones(len(main.t), bool))
-        main_path, sub_path = pool.map(matching.strapdown, (main, sub))
+        main_path, sub_path = pool.map(paths.integrated, (main, sub))
     return Paired(main, sub, main_path, sub_path, (spikes_main, spikes_sub))
 
 
@@ -253,9 +264,7 @@ def _corrected_sub(paired: Paired, at: Linearisation) -> matching.Strapdown:
     """The sub-IMU's path with the known gyro errors taken out."""
     if not at.gyro_bias.any() and not at.scale.any():
         return paired.sub_path
-    sub = paired.sub
-    gyro = sub.gyro - at.gyro_bias - sub.gyro @ at.scale.T
-    return matching.strapdown(matching.Unit(sub.t, gyro, sub.accel, sub.filled))
+    return paths.integrated(paired.sub, at.gyro_bias, at.scale)
 
 
 def _overlap(paired: Paired, at: Linearisation) -> tuple[slice, FloatArray]:
@@ -293,11 +302,10 @@ def observe(paired: Paired, at: Linearisation) -> Observations:
     """Observations about one linearisation."""
     inside, on_sub = _overlap(paired, at)
     t = paired.main.t[inside]
-    sub = matching.interpolate(_corrected_sub(paired, at), on_sub)
-    main = _restarted(
+    sub = paths.interpolated(_corrected_sub(paired, at), on_sub, at.R_0)
+    main = paths.restarted(
         matching.Strapdown(t, paired.main_path.attitude[inside], paired.main_path.velocity[inside]), np.eye(3)
     )
-    sub = _restarted(sub, at.R_0)
     bad = paired.main.filled[inside] | _sub_filled(paired.sub, on_sub)
     obs = _per_step(bad, main, sub, paired.main.gyro[inside], at)
     return replace(obs, dulled=_between_samples(paired.sub.t, on_sub) > DULL_SHARE)
@@ -310,23 +318,13 @@ def _between_samples(t: FloatArray, at: FloatArray) -> float:
     return float(np.median(nearest) / np.median(np.diff(t)))
 
 
-def _restarted(path: matching.Strapdown, start: FloatArray) -> matching.Strapdown:
-    """The same path with attitude ``start`` (3, 3) and zero velocity at its first instant; itself if it has them."""
-    if not path.velocity[0].any() and np.array_equal(Rotation.from_matrix(start).as_quat(), path.attitude[0]):
-        return path
-    turn = quaternions.multiply(Rotation.from_matrix(start).as_quat(), quaternions.conjugate(path.attitude[0]))
-    attitude = path.attitude @ quaternions.multiply(turn, np.eye(4))
-    velocity = (path.velocity - path.velocity[0]) @ Rotation.from_quat(turn).as_matrix().T
-    return matching.Strapdown(path.t, attitude, velocity)
-
-
 def _per_step(
     bad: BoolArray, main: matching.Strapdown, sub: matching.Strapdown, gyro_m: FloatArray, at: Linearisation
 ) -> Observations:
     t = main.t
     index = np.arange(0, len(t), _samples_per_step(t))
     dt = np.diff(t[index], prepend=t[0])
-    A_end, A_mid, u = matching.step_means(main, sub, index)
+    A_end, A_mid, u = paths.step_means(main, sub, index)
     A_mid -= _end_correction(lambda k: Rotation.from_quat(main.attitude[k]).as_matrix(), t, index)
     u -= _end_correction(lambda k: _relative_velocity(main, sub, k), t, index)
     omega = _mean_rates(gyro_m, t, index)
@@ -344,6 +342,8 @@ def _per_step(
     force_i[1:] = np.diff(sub.velocity[index], axis=0) / dt[1:, None]
     force_m[1:] = np.einsum("kji,kj->ki", A_mid[1:], np.diff(main.velocity[index], axis=0) / dt[1:, None])
     bending[1:] = np.nan_to_num(np.diff(z, axis=0) / dt[1:, None])
+    paths.let_go(main)
+    paths.let_go(sub)
     for x in (force_i, force_m, bending):
         x[1:] = likely(x[1:], fast_level(x[1:]), step)
     return Observations(
@@ -366,10 +366,15 @@ def _relative_velocity(main: matching.Strapdown, sub: matching.Strapdown, k: Int
 
 def _mean_rates(gyro: FloatArray, t: FloatArray, index: IntArray) -> FloatArray:
     """Mean body rate over the steps: a rotation vector holds the coning within its sample, a mean rate does not."""
-    turned = gyro[1:] * np.diff(t)[:, None]
-    angle = turned - np.cross(np.concatenate([turned[:1], turned[:-1]]), turned) / 12.0
     omega = np.zeros((len(index), 3))
-    omega[1:] = np.add.reduceat(angle[: index[-1]], index[:-1]) / np.diff(t[index])[:, None]
+    for part, rows, ends in paths.steps(index):
+        if len(ends) > 1:
+            first = max(rows.start - 1, 0)
+            turned = gyro[first + 1 : rows.stop] * np.diff(t[first : rows.stop])[:, None]
+            angle = turned - np.cross(np.concatenate([turned[:1], turned[:-1]]), turned) / 12.0
+            angle = angle[rows.start - first :]
+            omega[max(part.start, 1) : part.stop] = np.add.reduceat(angle, ends[:-1]) / np.diff(t[rows][ends])[:, None]
+        scratch.release(gyro)
     return omega
 
 

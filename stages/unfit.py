@@ -9,6 +9,7 @@ from schemas.rig import FloatArray
 
 SPIKE_SIGMA = 12.0  # of the local spread of second differences
 SPIKE_WINDOW = 101  # samples
+PIECE = 2048 * SPIKE_WINDOW  # samples worked on at a time
 SPIKE_PASSES = 3  # a spike beside a larger one shows when that is gone,
 SPIKES_DENSE = 0.01  # which matters where more than this share of the samples are spikes
 CLIPPED_SAMPLES = 10  # at the very extreme, in runs of three and more, five times as many as at the next value
@@ -30,21 +31,44 @@ def unfit(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> BoolArray:
 
 def _spikes(values: FloatArray) -> BoolArray:
     """Samples that stand out of both neighbours by many local spreads, any axis."""
-    if len(values) < SPIKE_WINDOW:
-        return np.zeros(len(values), bool)
-    bend = np.zeros_like(values)
-    # Against the cubic through the four neighbours: waves and slamming pass, a single sample that stands out does not.
-    bend[2:-2] = values[2:-2] - (4.0 * (values[1:-3] + values[3:-1]) - values[:-4] - values[4:]) / 6.0
-    blocks = np.abs(bend[: len(bend) // SPIKE_WINDOW * SPIKE_WINDOW]).reshape(-1, SPIKE_WINDOW, values.shape[1])
-    local = 1.4826 * np.median(blocks, axis=1)
-    spread = np.repeat(np.maximum(local, np.median(local, axis=0)), SPIKE_WINDOW, axis=0)
-    spread = np.concatenate([spread, np.repeat(spread[-1:], len(values) - len(spread), axis=0)])
-    high = np.abs(bend) > SPIKE_SIGMA * spread + 1e-12
-    # A spike leaks two thirds of its height into its neighbours' bends; only the peaks are spikes.
     found = np.zeros(len(values), bool)
-    for k, axis in np.argwhere(high):
-        found[k] |= abs(bend[k, axis]) >= np.abs(bend[max(k - 2, 0) : k + 3, axis]).max()
+    whole = len(values) // SPIKE_WINDOW * SPIKE_WINDOW
+    if not whole:
+        return found
+    parts = [slice(k, min(k + PIECE, whole)) for k in range(0, whole, PIECE)]
+    local = np.concatenate([_local_spread(values, part) for part in parts])
+    spread = np.maximum(local, np.median(local, axis=0))
+    parts[-1] = slice(parts[-1].start, len(values))
+    for part in parts:
+        _mark_spikes(values, part, spread, found)
     return found
+
+
+def _bend(values: FloatArray, first: int, last: int) -> FloatArray:
+    """Rows first..last - 1 against the cubic through their four neighbours, by which waves and slamming pass, but not
+    a single sample that stands out; zero at the ends of values."""
+    bend = np.zeros((last - first, values.shape[1]))
+    a, b = max(first, 2), min(last, len(values) - 2)
+    near = 4.0 * (values[a - 1 : b - 1] + values[a + 1 : b + 1]) - values[a - 2 : b - 2] - values[a + 2 : b + 2]
+    bend[a - first : b - first] = values[a:b] - near / 6.0
+    return bend
+
+
+def _local_spread(values: FloatArray, part: slice) -> FloatArray:
+    """(k, 3) of each window of a part that holds whole ones."""
+    bend = _bend(values, part.start, part.stop)
+    return np.asarray(1.4826 * np.median(np.abs(bend).reshape(-1, SPIKE_WINDOW, values.shape[1]), axis=1))
+
+
+def _mark_spikes(values: FloatArray, part: slice, spread: FloatArray, found: BoolArray) -> None:
+    first = max(part.start - 2, 0)
+    size = np.abs(_bend(values, first, min(part.stop + 2, len(values))))
+    window = np.minimum(np.arange(part.start, part.stop) // SPIKE_WINDOW, len(spread) - 1)
+    high = size[part.start - first :][: len(window)] > SPIKE_SIGMA * spread[window] + 1e-12
+    # A spike leaks two thirds of its height into its neighbours' bends; only the peaks are spikes.
+    for row, axis in np.argwhere(high):
+        k = row + part.start - first
+        found[row + part.start] |= size[k, axis] >= size[max(k - 2, 0) : k + 3, axis].max()
 
 
 def _evenly_spaced(t: FloatArray) -> BoolArray:
@@ -57,7 +81,7 @@ def _evenly_spaced(t: FloatArray) -> BoolArray:
 def _clipped(values: FloatArray) -> BoolArray:
     """Samples at the extreme of an axis where a clipped signal has many of them, in runs."""
     found = np.zeros(len(values), bool)
-    for size in np.abs(values).T:
+    for size in map(np.abs, values.T):
         at_extreme = size == size.max()
         in_runs = (at_extreme[2:] & at_extreme[1:-1] & at_extreme[:-2]).any()
         if np.count_nonzero(at_extreme) >= CLIPPED_SAMPLES and in_runs:

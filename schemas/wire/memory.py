@@ -2,7 +2,8 @@
 
 Having the kernel hand out a page at each first touch takes longer than decoding what goes into it. Asking for many at
 a time takes two thirds of that, and huge pages a sixth, but many times more where memory has become fragmented or a
-virtual machine's host must find it first. So huge pages are asked for one by one, as long as they are worth it.
+virtual machine's host must find it first. So huge pages are asked for one by one, as long as they are worth it. Large
+columns lie in a file (:mod:`schemas.scratch`) and give back what is filled.
 """
 
 from __future__ import annotations
@@ -16,8 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas import scratch
+
 _LARGE = 1 << 20
 _STEP = 1 << 21  # bytes of a huge page, and of what is asked for at a time
+_KEPT = 1 << 22  # bytes behind what is filled now that stay in memory
 _WORTH = 5e-4  # s of CPU for a huge page on average; plain pages of that size take twice as long
 _PATIENCE = 0.01  # s beyond that before plain pages are taken instead
 _HUGE, _PLAIN, _POPULATE = 14, 15, 23  # MADV_HUGEPAGE, MADV_NOHUGEPAGE, MADV_POPULATE_WRITE of Linux
@@ -33,10 +37,14 @@ class Supply:
 
     def provide(self, pages: mmap.mmap, start: int, size: int) -> None:
         """Have the kernel hand out the bytes start..start + size of pages now."""
-        huge = size == _STEP and self._spent <= _PATIENCE + _WORTH * self._taken
+        filed = isinstance(pages, scratch.Pages)
+        huge = not filed and size == _STEP and self._spent <= _PATIENCE + _WORTH * self._taken
         before = time.thread_time()
         try:
-            pages.madvise(_HUGE if huge else _PLAIN, start, size)
+            if filed and start >= _KEPT:
+                pages.madvise(mmap.MADV_DONTNEED, 0, start - _KEPT)
+            elif not filed:
+                pages.madvise(_HUGE if huge else _PLAIN, start, size)
             pages.madvise(_POPULATE, start, size)
         except OSError:
             self.helps = False  # an older kernel: pages come when they are touched
@@ -57,9 +65,11 @@ class Room:
         if self._size < _LARGE or dtype.hasobject or not supply.helps:
             self.values: NDArray[Any] = np.empty(shape, dtype)
             return
-        self._pages = mmap.mmap(-1, self._size + _STEP, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        self._pages = scratch.mapped(self._size) if self._size >= scratch.LARGE else None
+        if self._pages is None:
+            self._pages = mmap.mmap(-1, self._size + _STEP, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         whole = np.frombuffer(self._pages, np.uint8)
-        self._start = -whole.ctypes.data % _STEP
+        self._start = 0 if isinstance(self._pages, scratch.Pages) else -whole.ctypes.data % _STEP
         self.values = whole[self._start : self._start + self._size].view(dtype).reshape(shape)
 
     def ready(self, rows: int) -> None:

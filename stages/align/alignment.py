@@ -28,6 +28,7 @@ from stages.align.likelihood import PRIOR_ANGLE, PRIOR_DELAY, Fit, fit
 from stages.align.phases import static_phases
 from stages.align.tracks import SEGMENT_SHORTEST, Span, Track, cell_length, finite_rows, shared_spans, tracks
 from stages.align.wahba import SEARCH_REACH, Coarse, rotation_between, search
+from stages.paths import beside, rows
 
 CORRELATION_LEAST = 0.3  # share of common motion below which nothing is aligned
 RATE_MOVING = 0.1 * DEG  # rad/s rms; a unit that shows more is moving and not merely noisy
@@ -54,7 +55,7 @@ def align(trial: Trial) -> Alignment:
     Raises DataError where nothing at all can be said: a unit that is frozen or rigidly still while the other moves,
     units that do not move together, no common stretch of SEGMENT_SHORTEST.
     """
-    with ThreadPoolExecutor(2) as pool:  # one unit beside the other, here and below
+    with ThreadPoolExecutor(beside(len(trial.main))) as pool:  # one unit beside the other, here and below
         names = ("main IMU", "sub-IMU")
         main, sub = pool.map(lambda one, name: tracks(one, trial.epoch, name), (trial.main, trial.sub), names)
     for series, channel in ((trial.main, "main IMU"), (trial.sub, "sub-IMU")):
@@ -71,7 +72,7 @@ def align(trial: Trial) -> Alignment:
 
 
 def _refuse_frozen(series: ImuSeries, channel: str) -> None:
-    gyro = series.gyro[finite_rows(series.gyro)]
+    gyro = rows(series.gyro, finite_rows(series.gyro))
     if np.all(gyro == gyro[0]):
         raise DataError("the gyros are frozen: every sample is the same", channel=channel)
 
@@ -126,7 +127,7 @@ def _alignment(found: _Found, trial: Trial, main: Sequence[Track], sub: Sequence
         (main, trial.phins_main, rig.installation_main, trial, "PHINS at the main IMU"),
         (sub, trial.phins_sub, rig.installation_sub, trial, "PHINS at the sub-IMU"),
     )
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(beside(len(trial.main))) as pool:
         installation_main, installation_sub = pool.map(lambda one: _installed(*one), asked)
     return Alignment(
         rotation=found.fit.rotation,

@@ -17,10 +17,12 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from schemas import scratch
 from schemas.errors import DataError
 from schemas.products import BoolArray
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray
+from stages.paths import rows
 
 GRID = 0.05  # s; ship motion lies far below its 10 Hz. Cells are whole multiples of it
 NODES = np.arange(-2.0, 4.0)  # grid points about an instant through which the polynomial goes
@@ -135,14 +137,17 @@ def tracks(series: ImuSeries, epoch: int, channel: str) -> tuple[Track, ...]:
     good = finite_rows(series.gyro)
     if np.count_nonzero(good) <= SPIKE_WINDOW:
         raise DataError("too few finite gyro samples to align with", channel=channel)
-    stamp, gyro = series.stamp[good], despiked(series.gyro[good])
-    accel = np.where(finite_rows(series.accel)[:, None], series.accel, 0.0)[good]
+    stamp, gyro = rows(series.stamp, good), despiked(rows(series.gyro, good))
+    known = finite_rows(series.accel)
+    accel = rows(series.accel if known.all() else np.where(known[:, None], series.accel, 0.0), good)
     time = np.asarray((stamp - epoch) * 1e-9, dtype=np.float64)
     intervals = np.diff(time)
     breaks = np.flatnonzero(intervals > max(GAP_BRIDGED, 3.0 * np.median(intervals))) + 1
     edges = np.concatenate(([0], breaks, [len(time)]))
     parts = [(a, b) for a, b in pairwise(edges) if b - a > SPIKE_WINDOW and time[b - 1] - time[a] > SEGMENT_SHORTEST]
-    return tuple(_track(time[a:b], gyro[a:b], accel[a:b], series.instantaneous) for a, b in parts)
+    found = tuple(_track(time[a:b], gyro[a:b], accel[a:b], series.instantaneous) for a, b in parts)
+    scratch.release(series.gyro, series.accel)
+    return found
 
 
 def finite_rows(values: FloatArray) -> BoolArray:
@@ -153,7 +158,10 @@ def finite_rows(values: FloatArray) -> BoolArray:
 
 def _track(time: FloatArray, gyro: FloatArray, accel: FloatArray, instantaneous: bool) -> Track:
     every = max(1, int(GRID / np.median(np.diff(time)) + 0.05))
-    angle, velocity = (_integral(time, rate, instantaneous)[::every] for rate in (gyro, accel))
+    angle, velocity = (
+        np.stack([_integral(time, column, instantaneous)[::every] for column in rate.T], axis=1)
+        for rate in (gyro, accel)
+    )
     knots = time[::every]
     grid = knots[0] + GRID * np.arange(int((knots[-1] - knots[0]) / GRID) + 1)
     velocity = np.stack([np.interp(grid, knots, velocity[:, axis]) for axis in range(3)], axis=1)
@@ -162,20 +170,22 @@ def _track(time: FloatArray, gyro: FloatArray, accel: FloatArray, instantaneous:
 
 
 def _integral(time: FloatArray, rate: FloatArray, instantaneous: bool) -> FloatArray:
+    """(n,) of one component."""
     intervals = np.diff(time)
     mean = rate[1:].copy()
     # The sample after a hole speaks for its own interval only; across the hole the trapezoid is the better guess.
     holed = np.flatnonzero(instantaneous | (intervals > 1.5 * np.median(intervals)))
     mean[holed] = 0.5 * (rate[holed + 1] + rate[holed])
     out = np.zeros(rate.shape)
-    mean *= intervals[:, None]
-    np.cumsum(mean, axis=0, out=out[1:])
+    mean *= intervals
+    np.cumsum(mean, out=out[1:])
     return out
 
 
 def despiked(values: FloatArray) -> FloatArray:
     """Values (n, 3) with spikes, off by SPIKE_SIGMA times the usual local scatter or step, set to the local median."""
-    steps = np.abs(np.diff(values, axis=0))
+    steps = np.diff(values, axis=0)
+    np.abs(steps, out=steps)
     some = np.arange(0, len(steps), max(1, len(steps) // SCATTER_SAMPLES))
     # Clean data are monotonic over most windows and then equal their median: the usual step counts as scatter too.
     off = np.median(np.abs(values[some] - _local_median(values, some)), axis=0)
@@ -183,17 +193,17 @@ def despiked(values: FloatArray) -> FloatArray:
     limit = np.where(scatter > 0.0, SPIKE_SIGMA * scatter, np.inf)
     # Far off the median of five is far off a neighbour too: only there need the median be known.
     jumps = np.nonzero(steps > limit)[0]
-    rows = np.unique(np.concatenate((jumps, jumps + 1)))
-    median = _local_median(values, rows)
+    near = np.unique(np.concatenate((jumps, jumps + 1)))
+    median = _local_median(values, near)
     out = values.copy()
-    out[rows] = np.where(np.abs(values[rows] - median) > limit, median, values[rows])
+    out[near] = np.where(np.abs(values[near] - median) > limit, median, values[near])
     return out
 
 
-def _local_median(values: FloatArray, rows: IntArray) -> FloatArray:
-    """Medians (m, 3) over SPIKE_WINDOW samples about the rows (m,)."""
+def _local_median(values: FloatArray, at: IntArray) -> FloatArray:
+    """Medians (m, 3) over SPIKE_WINDOW samples about the rows ``at`` (m,)."""
     half = SPIKE_WINDOW // 2
-    around = rows[:, None] + np.arange(-half, half + 1)
+    around = at[:, None] + np.arange(-half, half + 1)
     return np.sort(values[around.clip(0, len(values) - 1)], axis=1)[:, half]
 
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any, TypeVar
 
+import numpy as np
+
+from schemas import scratch
 from schemas.errors import DataError
 from schemas.trial import Trial, Truth
 from schemas.wire import Log, Table, read_log
@@ -27,6 +31,7 @@ ORDER = (
 """PHINS first: their attitude may have to restore the gravity an IMU removed."""
 
 Progress = Callable[[int, int], None]
+Series = TypeVar("Series", bound=Any)
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,13 @@ def _role(
         if required:
             raise error.located(channel=channel.topic) from error
         return found, (f"left out: {error.problem}",)
-    return replace(found, **{role: series}), notes
+    return replace(found, **{role: _shelved(series)}), notes
+
+
+def _shelved(series: Series) -> Series:
+    """The series, the large arrays of a long log out of memory."""
+    arrays = {one.name: getattr(series, one.name) for one in fields(series)}
+    return replace(series, **{k: scratch.shelved(v) for k, v in arrays.items() if isinstance(v, np.ndarray)})
 
 
 def release(role: str, tables: dict[str, Table], profile: RigProfile) -> None:
@@ -176,6 +187,7 @@ def _truth(log: Log, tables: dict[str, Table], profile: RigProfile) -> tuple[Tru
     try:
         deformation = table_of("truth_deformation", log, tables, profile)
         attitude = tables.get(profile.truth_attitude.topic)
-        return channels.truth(deformation, profile.truth_deformation, attitude, profile.truth_attitude), ()
+        truth = channels.truth(deformation, profile.truth_deformation, attitude, profile.truth_attitude)
+        return _shelved(truth), ()
     except DataError as error:
         return None, (f"{topic}: left out: {error.problem}",)

@@ -16,12 +16,13 @@ from scipy.spatial.transform import Rotation
 
 from physics import quaternions
 from physics.units import ARCMIN
+from schemas import scratch
 from schemas.products import Alignment, Deformation, Estimate, FlexureModel, Innovations, Status
 from schemas.rig import FloatArray
 from schemas.trial import IntArray, Trial
 from stages.estimate import model as m
 from stages.estimate.solve import Solution, solve
-from stages.paired import slabs
+from stages.paths import slabs
 
 CHANNELS = (
     "attitude x", "attitude y", "attitude z", "relative velocity x", "relative velocity y", "relative velocity z",
@@ -64,16 +65,16 @@ def _deformation(
 ) -> Deformation:
     obs = solution.obs
     rows = np.flatnonzero(obs.good)
-    total, static, dynamic = (np.empty((len(rows), 3)) for _ in range(3))
-    covariance = np.empty((len(rows), 3, 3))
+    total, static, dynamic = (scratch.empty((len(rows), 3)) for _ in range(3))
+    covariance, open_angle = scratch.empty((len(rows), 3, 3)), unseen(solution, alignment)
     for part in slabs(len(rows)):
         total[part], static[part], dynamic[part] = _angles(solution, x, rows[part])
-        covariance[part] = _covariance(solution, P, rows[part])
+        covariance[part] = _covariance(solution, P, rows[part]) + open_angle
+        scratch.release(total, static, dynamic, covariance, obs.main.attitude, obs.sub.attitude)
     parameters = _parameters(trial, alignment, solution)
-    covariance += unseen(solution, alignment)
     return Deformation(
         estimator=name,
-        stamp=trial.epoch + np.rint(obs.t[obs.good] * 1e9).astype(np.int64),
+        stamp=scratch.shelved(trial.epoch + np.rint(obs.t[rows] * 1e9).astype(np.int64)),
         total=total,
         static_part=static,
         dynamic_part=dynamic,

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from physics import quaternions, rotations
-from physics.interpolation import GAP_FACTOR, attitude_samples, slerp_quaternions, usual_interval
+from physics.interpolation import GAP_FACTOR, usual_interval
+from schemas import scratch
 from schemas.installation import main_installation
 from schemas.products import Deformation
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial
+from stages.attitudes import Attitudes, attitudes, attitudes_of, gathered
+from stages.paths import rows, slabs
 
 ENU = "enu"
 START = "imu_main_start"
@@ -34,29 +37,26 @@ def deck_attitude(deformation: Deformation, trial: Trial) -> DeckAttitude:
     ``imu_main_start``: fixed in inertial space, m at the first stamp, carried on by the main gyro.
     """
     known = _attitude_of_main(deformation, trial)
-    frame, (stamp, q_f_m) = (ENU, known) if known is not None else (START, _gyro_attitude(deformation, trial.main))
-    main, valid = slerp_quaternions(stamp, q_f_m, deformation.stamp)
-    q_f_s = quaternions.multiply(main, quaternions.exp(deformation.total[valid]))
-    return DeckAttitude(deformation.stamp[valid], q_f_s, frame)
+    frame, of_main = (ENU, known) if known is not None else (START, _gyro_attitude(deformation, trial.main))
+    q_f_s, valid = gathered(of_main.at, deformation.stamp)
+    stamp, total = rows(deformation.stamp, valid), rows(deformation.total, valid)
+    for part in slabs(len(stamp)):
+        q_f_s[part] = quaternions.multiply(q_f_s[part], quaternions.exp(total[part]))
+        scratch.release(q_f_s, total)
+    return DeckAttitude(stamp, q_f_s, frame)
 
 
-def _attitude_of_main(deformation: Deformation, trial: Trial) -> tuple[IntArray, FloatArray] | None:
-    """Stamps and ``R_n_m``; None where the log has none."""
-    own = _samples(trial.main)
-    if own is not None:
-        return own
-    phins = _samples(trial.phins_main)
+def _attitude_of_main(deformation: Deformation, trial: Trial) -> Attitudes | None:
+    """``R_n_m``; None where the log has none."""
+    own = attitudes_of(trial.main)
     mount = main_installation(trial.rig, deformation.alignment)
-    if phins is None or mount is None:
-        return None
-    return phins[0], quaternions.multiply(phins[1], quaternions.conjugate(quaternions.exp(rotations.log(mount[0]))))
+    if own is not None or mount is None:
+        return own
+    m_p = quaternions.exp(rotations.log(mount[0]))
+    return attitudes_of(trial.phins_main, lambda q: quaternions.multiply(q, quaternions.conjugate(m_p)))
 
 
-def _samples(series: ImuSeries | None) -> tuple[IntArray, FloatArray] | None:
-    return attitude_samples(series.stamp, series.attitude) if series is not None else None
-
-
-def _gyro_attitude(deformation: Deformation, main: ImuSeries) -> tuple[IntArray, FloatArray]:
+def _gyro_attitude(deformation: Deformation, main: ImuSeries) -> Attitudes:
     """``R_m(t0)_m = prod Exp(omega_k dt_k)`` at the main IMU's stamps from t0, the estimate's first, onwards.
 
     Across a gap the rate is the mean of the last sample before it and the first after.
@@ -68,7 +68,7 @@ def _gyro_attitude(deformation: Deformation, main: ImuSeries) -> tuple[IntArray,
     gaps = np.flatnonzero(dt > GAP_FACTOR * usual_interval(stamp) * 1e-9)
     rate[gaps] = 0.5 * (gyro[gaps] + gyro[gaps + 1])
     steps = np.vstack([np.zeros((1, 3)), rate * dt[:, None]])
-    return stamp, running_product(quaternions.exp(steps))
+    return attitudes(stamp, running_product(quaternions.exp(steps)), lambda q: q)
 
 
 def running_product(steps: FloatArray) -> FloatArray:

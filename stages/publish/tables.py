@@ -45,9 +45,8 @@ def result_tables(result: Result, trial: Trial, frame: str = MAIN_FRAME) -> list
 def table(topic: str, schema: str, stamp: IntArray, frame: str, columns: Columns) -> Table:
     """A table whose log and publish times are the measurement times, with its header filled in."""
     stamp = np.ascontiguousarray(stamp, dtype=np.int64)
-    header = {"header.stamp": stamp, "header.frame_id": np.full(len(stamp), frame, dtype=object)}
-    arrays = {name: np.ascontiguousarray(column) for name, column in columns.items()}
-    return Table(topic, schema, {**header, **arrays}, stamp, stamp, np.arange(len(stamp), dtype=np.uint32))
+    header = {"header.stamp": stamp, "header.frame_id": np.broadcast_to(np.array(frame, dtype=object), len(stamp))}
+    return Table(topic, schema, {**header, **columns}, stamp, stamp, np.arange(len(stamp), dtype=np.uint32))
 
 
 def vector(name: str, values: FloatArray) -> dict[str, FloatArray]:

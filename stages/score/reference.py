@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from physics import quaternions, rotations
-from physics.interpolation import BoolArray, attitude_samples, slerp_quaternions, usual_interval
+from schemas import scratch
 from schemas.installation import main_installation, sub_installation
-from schemas.products import Alignment
+from schemas.products import Alignment, BoolArray
 from schemas.rig import FloatArray
-from schemas.trial import ImuSeries, IntArray, Trial, Truth
+from schemas.trial import IntArray, Trial, Truth
+from stages.attitudes import At, Attitudes, attitudes, attitudes_of, gathered
+from stages.paths import rows
 
 
 @dataclass(frozen=True)
@@ -30,39 +32,44 @@ class Reference:
 
 
 def truth_reference(truth: Truth, at: IntArray) -> Reference | None:
-    """Truth at the times ``at`` (n,) ns; None when it holds nothing."""
+    """Truth at the times ``at`` (n,) ns in order; None when it holds nothing."""
     good = np.isfinite(truth.total).all(axis=1)
     if not good.any():
         return None
-    stamp = truth.stamp[good]
-    rotation, valid = slerp_quaternions(stamp, quaternions.exp(truth.total[good]), at)
-    return Reference("truth", rotation, valid, usual_interval(stamp) * 1e-9, np.zeros(3))
+    stamp, total = (scratch.shelved(rows(part, good)) for part in (truth.stamp, truth.total))
+    known = attitudes(stamp, total, quaternions.exp)
+    return Reference("truth", *gathered(known.at, at), known.usual * 1e-9, np.zeros(3))
 
 
 def phins_reference(trial: Trial, alignment: Alignment, at: IntArray) -> tuple[Reference | None, str]:
-    """``R_m_s = R_m_pm R_n_pm^T R_n_ps R_s_ps^T`` from both PHINS at the times ``at`` (n,) ns.
+    """``R_m_s = R_m_pm R_n_pm^T R_n_ps R_s_ps^T`` from both PHINS at the times ``at`` (n,) ns in order.
 
     The installation ``R_imu_phins`` is the rig's where it is stated, else the alignment's estimate. Returns the
     reference, or None and a sentence that says why there is none. PHINS stamps are PHINS's own clock: the sub-IMU's
     time delay does not act on them.
     """
-    units = [_attitude(trial.phins_main), _attitude(trial.phins_sub)]
+    units = attitudes_of(trial.phins_main), attitudes_of(trial.phins_sub)
     if units[0] is None or units[1] is None:
         return None, ""
     main, sub = main_installation(trial.rig, alignment), sub_installation(trial.rig, alignment)
     if main is None or sub is None:
         return None, "not scored against PHINS: the installation of a PHINS on its IMU is neither stated nor observable"
-    (n_pm, main_ok), (n_ps, sub_ok) = slerp_quaternions(*units[0], at), slerp_quaternions(*units[1], at)
-    both = main_ok & sub_ok
-    pm_ps = quaternions.multiply(quaternions.conjugate(n_pm[both[main_ok]]), n_ps[both[sub_ok]])
-    m_ps = quaternions.multiply(_quaternion(main[0]), pm_ps)
-    rotation = quaternions.multiply(m_ps, quaternions.conjugate(_quaternion(sub[0])))
-    interval = max(usual_interval(unit[0]) for unit in units if unit is not None) * 1e-9
-    return Reference("phins", rotation, both, interval, np.hypot(main[1], sub[1])), ""
+    seen = gathered(_between(units[0], units[1], _quaternion(main[0]), _quaternion(sub[0])), at)
+    interval = max(unit.usual for unit in units if unit is not None) * 1e-9
+    return Reference("phins", *seen, interval, np.hypot(main[1], sub[1])), ""
 
 
-def _attitude(series: ImuSeries | None) -> tuple[IntArray, FloatArray] | None:
-    return attitude_samples(series.stamp, series.attitude) if series is not None else None
+def _between(main: Attitudes, sub: Attitudes, q_m_pm: FloatArray, q_s_ps: FloatArray) -> At:
+    """``R_m_s`` from the attitudes of two PHINS and their installations, quaternions (4,)."""
+
+    def at(times: IntArray) -> tuple[FloatArray, BoolArray]:
+        (n_pm, main_ok), (n_ps, sub_ok) = main.at(times), sub.at(times)
+        both = main_ok & sub_ok
+        pm_ps = quaternions.multiply(quaternions.conjugate(n_pm[both[main_ok]]), n_ps[both[sub_ok]])
+        m_ps = quaternions.multiply(q_m_pm, pm_ps)
+        return quaternions.multiply(m_ps, quaternions.conjugate(q_s_ps)), both
+
+    return at
 
 
 def _quaternion(matrix: FloatArray) -> FloatArray:

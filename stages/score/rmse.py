@@ -9,9 +9,11 @@ import numpy as np
 
 from physics import quaternions
 from physics.units import ARCMIN
-from schemas.products import Deformation, Score
+from schemas import scratch
+from schemas.products import BoolArray, Deformation, Score
 from schemas.rig import FloatArray
 from schemas.trial import Trial, Truth
+from stages.paths import beside, rows, slabs
 from stages.score.noise import reference_noise
 from stages.score.reference import Reference, phins_reference, truth_reference
 
@@ -46,7 +48,7 @@ def score_all(deformation: Deformation, trial: Trial, truth: Truth | None) -> Sc
     references += [phins] if phins is not None else []
     notes += [note] if note else []
     notes += [_installation_note(phins)] if phins is not None and phins.constant_std.max() > NOTED_STD else []
-    with ThreadPoolExecutor(2) as pool:  # one reference beside the other
+    with ThreadPoolExecutor(beside(len(deformation.stamp))) as pool:  # one reference beside the other
         scores = list(pool.map(lambda reference: _against(deformation, reference), references))
     for reference, result in zip(references, scores):
         if result is None:
@@ -74,14 +76,11 @@ def coverage(error: FloatArray, std: FloatArray) -> FloatArray:
 
 
 def _against(deformation: Deformation, reference: Reference) -> Score | None:
-    total = deformation.total[reference.valid]
-    good = np.isfinite(total).all(axis=1)
-    if good.sum() < 2:
+    seen, error, variance = _errors(deformation, reference)
+    if len(error) < 2:
         return None
-    stamp = deformation.stamp[reference.valid][good]
-    error = angular_error(total[good], reference.rotation[good])
+    stamp = scratch.shelved(rows(deformation.stamp, seen))
     rmse = np.sqrt(np.mean(error**2, axis=0))
-    variance = np.diagonal(deformation.covariance[reference.valid][good], axis1=1, axis2=2)
     noise = (
         np.zeros(3)
         if reference.name == "truth"
@@ -99,6 +98,25 @@ def _against(deformation: Deformation, reference: Reference) -> Score | None:
         reference_noise=np.minimum(noise, rmse),
         coverage=coverage(error, np.sqrt(np.where(variance >= 0, variance, np.nan) + noise**2)),
     )
+
+
+def _errors(deformation: Deformation, reference: Reference) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """Which samples (n,) there is a reference for, and their errors, rad, and the estimate's own variances, (k, 3)."""
+    n = len(deformation.stamp)
+    seen, error, variance = np.zeros(n, dtype=bool), scratch.empty((n, 3)), scratch.empty((n, 3))
+    k = first = 0
+    for part in slabs(n):
+        valid = reference.valid[part]
+        rotation = reference.rotation[first : first + np.count_nonzero(valid)]
+        first += len(rotation)
+        total = deformation.total[part][valid]
+        good = np.isfinite(total).all(axis=1)
+        seen[part][np.flatnonzero(valid)[good]] = True
+        into = slice(k, k := k + int(good.sum()))
+        error[into] = angular_error(total[good], rotation[good])
+        variance[into] = np.diagonal(deformation.covariance[part][valid][good], axis1=1, axis2=2)
+        scratch.release(error, variance, reference.rotation, deformation.total, deformation.covariance)
+    return seen, error[:k], variance[:k]
 
 
 def _rms_sigma(variance: FloatArray) -> FloatArray:
