@@ -190,8 +190,8 @@ def clean_unit(series: ImuSeries, epoch: int, despike: bool = True) -> tuple[mat
         means = matching.interval_means(unit.gyro), matching.interval_means(unit.accel)
         unit = matching.Unit(unit.t, *means, unit.filled)
     scratch.release(series.gyro, series.accel)
-    shelved = (scratch.shelved(part) for part in (unit.t, unit.gyro, unit.accel))
-    return matching.Unit(*shelved, unit.filled), int(bad.sum())
+    t, gyro, accel = (scratch.shelved(part) for part in (unit.t, unit.gyro, unit.accel))
+    return matching.Unit(t, gyro, accel, unit.filled), int(bad.sum())
 
 
 def pair(trial: Trial, alignment: Alignment | None = None, despike: bool = True) -> Paired:

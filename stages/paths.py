@@ -117,9 +117,9 @@ def step_means(
     """:func:`physics.matching.step_means`."""
     A_end, A_mean, u = np.empty((len(index), 3, 3)), np.empty((len(index), 3, 3)), np.empty((len(index), 3))
     for part, rows, ends in steps(index):
-        pieces = (matching.Strapdown(p.t[rows], p.attitude[rows], p.velocity[rows]) for p in (main, sub))
+        one, other = (matching.Strapdown(p.t[rows], p.attitude[rows], p.velocity[rows]) for p in (main, sub))
         skip = part.start - max(part.start - 1, 0)
-        for whole, found in zip((A_end, A_mean, u), matching.step_means(*pieces, ends)):
+        for whole, found in zip((A_end, A_mean, u), matching.step_means(one, other, ends)):
             whole[part] = found[skip:]
         let_go(main)
         let_go(sub)

@@ -11,6 +11,7 @@ import numpy as np
 from mcap import records as mcap
 from numpy.typing import NDArray
 
+from schemas import scratch
 from schemas.errors import DataError
 from schemas.wire.atomic import replacing
 from schemas.wire.cdr import encode, scatter
@@ -22,6 +23,7 @@ from schemas.wire.table import Table
 
 LIBRARY = "deckflex"
 CHUNK_BYTES = 1 << 21
+CHUNKS_HELD = 32  # whose rows of tables in files stay in memory
 _LEAD = FRAME_SIZE + MESSAGE_BODY
 Metadata = Mapping[str, Mapping[str, str]]
 _CHANNEL_METADATA = {"offered_qos_profiles": ""}
@@ -58,8 +60,10 @@ def write_tables(writer: SectionWriter, tables: Sequence[Table], chunk_bytes: in
     """Declare the channels of tables and write their messages in chunks."""
     streams = [_Stream(table, _declare(writer, table), _message_type(table)) for table in tables]
     writer.idle([stream.channel for stream in streams if len(stream.table) == 0])
-    for chosen in _chunks(streams, chunk_bytes):
+    for k, chosen in enumerate(_chunks(streams, chunk_bytes)):
         _write_chunk(writer, streams, chosen)
+        if k % CHUNKS_HELD == 0:
+            scratch.release(*(column for table in tables for column in table.columns.values()))
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,7 @@ def _trial(log: Log, tables: dict[str, Table], profile: RigProfile, source: str)
         found, told = _role(role, log, tables, profile, epoch, found)
         notes += tuple(f"{profile.channel(role).topic}: {note}" for note in told)
         release(role, tables, profile)
+        scratch.release(*(column for table in tables.values() for column in table.columns.values()))
     return _assembled(found, notes, profile, source, epoch)
 
 

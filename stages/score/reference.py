@@ -33,7 +33,7 @@ class Reference:
 
 def truth_reference(truth: Truth, at: IntArray) -> Reference | None:
     """Truth at the times ``at`` (n,) ns in order; None when it holds nothing."""
-    good = np.isfinite(truth.total).all(axis=1)
+    good = np.asarray(np.isfinite(truth.total).all(axis=1))
     if not good.any():
         return None
     stamp, total = (scratch.shelved(rows(part, good)) for part in (truth.stamp, truth.total))

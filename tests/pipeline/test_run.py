@@ -8,7 +8,9 @@ import polars as pl
 import pytest
 from mcap.reader import make_reader
 
+from schemas import scratch
 from schemas.wire import read_log, scan_log
+from stages import paths, unfit
 
 CONTRACT = {
     "log", "estimator", "identifier", "duration_s", "samples", "static_arcmin", "time_delay_s", "flexure",
@@ -50,6 +52,16 @@ def test_json_is_one_document_with_the_contracts_keys_and_nothing_else_is_printe
     assert all(len(document["rmse_arcmin"][name]) == 3 for name in ("truth", "phins"))
     assert document["deck_shape"] is not None
     assert told.err == ""
+
+
+def test_a_long_log_worked_on_piece_by_piece_gives_the_same_bytes(finished, sample, tmp_path, deckflex, monkeypatch):
+    monkeypatch.setattr(scratch, "LARGE", 1 << 14)
+    monkeypatch.setattr(paths, "SLAB", 1000)
+    monkeypatch.setattr(paths, "LONG", 1)
+    monkeypatch.setattr(unfit, "PIECE", 10 * unfit.SPIKE_WINDOW)
+    told = deckflex("run", sample, "-o", tmp_path / "out.mcap")
+    assert told.status == 0, told.err
+    assert digest(tmp_path / "out.mcap") == digest(finished[0] / "out.mcap")
 
 
 def test_the_answer_is_close_to_the_truth(finished):

@@ -1,0 +1,72 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from schemas import scratch
+
+ROWS = 1 << 18
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """What is beyond a megabyte counts as large."""
+    monkeypatch.setattr(scratch, "LARGE", 1 << 20)
+
+
+def resident() -> int:
+    """Bytes of memory that this process has now."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+
+def test_what_is_large_leaves_memory_and_keeps_its_values(small):
+    values = np.random.default_rng(1).standard_normal((ROWS, 16))
+    shelved = scratch.shelved(values)
+    assert scratch.pages_of(shelved) is not None
+    total = shelved.sum()
+    before = resident()
+    scratch.release(shelved[:, 3])
+    assert before - resident() > 0.9 * values.nbytes
+    assert shelved.sum() == total
+    np.testing.assert_array_equal(shelved, values)
+
+
+def test_what_is_written_before_a_release_is_there_after_it(small):
+    array = scratch.empty((ROWS, 3))
+    for k in range(0, ROWS, ROWS // 4):
+        array[k : k + ROWS // 4] = k
+        scratch.release(array)
+    np.testing.assert_array_equal(array, np.repeat(np.arange(0, ROWS, ROWS // 4), ROWS // 4)[:, None] * np.ones(3))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [np.zeros(3), np.zeros((ROWS, 3))[:100], np.broadcast_to(1.0, (ROWS, 9)), np.full(ROWS, None)],
+    ids=["small", "a small part", "one row for all", "objects"],
+)
+def test_what_takes_no_room_stays_where_it_is(small, values):
+    assert scratch.shelved(values) is values
+
+
+def test_without_a_file_memory_is_plain(small, monkeypatch, tmp_path):
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "nowhere"))
+    monkeypatch.setattr(scratch.tempfile, "tempdir", str(tmp_path / "nowhere"))
+    values = np.ones((ROWS, 3))
+    assert scratch.pages_of(scratch.empty((ROWS, 3))) is None
+    assert scratch.shelved(values) is values
+
+
+def test_a_full_disk_is_no_error(small, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(scratch.os, "posix_fallocate", full)
+    assert scratch.pages_of(scratch.empty((ROWS, 3))) is None
+
+
+def test_no_file_is_left_behind(small, monkeypatch, tmp_path):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(scratch.tempfile, "tempdir", str(tmp_path))
+    array = scratch.empty((ROWS, 3))
+    assert scratch.pages_of(array) is not None
+    assert not list(tmp_path.iterdir())
