@@ -69,6 +69,11 @@ def release(*arrays: NDArray[Any] | None) -> None:
 
 def pages_of(array: Any) -> Pages | None:
     """The file that an array, or what it is a view of, lies in."""
-    while array is not None and not isinstance(array, Pages):
-        array = getattr(array, "base", None) if hasattr(array, "base") else getattr(array, "obj", None)
+    while not isinstance(array, Pages):
+        if isinstance(array, memoryview):
+            array = array.obj
+        elif isinstance(array, np.ndarray) or type(array).__module__.startswith("numpy."):
+            array = getattr(array, "base", None)
+        else:  # nothing, or memory that belongs to someone else
+            return None
     return array

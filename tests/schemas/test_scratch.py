@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from schemas import scratch
 
@@ -46,6 +47,14 @@ def test_what_is_written_before_a_release_is_there_after_it(small):
 )
 def test_what_takes_no_room_stays_where_it_is(small, values):
     assert scratch.shelved(values) is values
+
+
+def test_views_of_views_are_followed_to_the_file_and_no_further(small):
+    array = scratch.empty((ROWS, 3))
+    strided = np.lib.stride_tricks.as_strided(array[:, 0], (10, 2), (24, 8))
+    assert scratch.pages_of(strided.T) is scratch.pages_of(array) is not None
+    assert scratch.pages_of(Rotation.from_rotvec(np.ones((5, 3))).as_rotvec()) is None  # memory of another owner
+    assert scratch.pages_of(None) is None
 
 
 def test_without_a_file_memory_is_plain(small, monkeypatch, tmp_path):
