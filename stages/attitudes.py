@@ -12,7 +12,7 @@ from schemas import scratch
 from schemas.products import BoolArray
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray
-from stages.paths import rows, slabs
+from stages.slabs import rows, slabs
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial
 from stages import paths
 from stages.motion import fast_level, likely, main_noise
-from stages.paths import slabs
+from stages.slabs import beside, slabs
 from stages.unfit import unfit
 
 STEP_S = 0.2  # s: z is free of noise at each instant, so a few hertz carry all there is
@@ -196,7 +196,7 @@ def clean_unit(series: ImuSeries, epoch: int, despike: bool = True) -> tuple[mat
 
 def pair(trial: Trial, alignment: Alignment | None = None, despike: bool = True) -> Paired:
     """Clean and integrate both units. With an alignment, the other unit, turned, carries one across its own gaps."""
-    with ThreadPoolExecutor(paths.beside(len(trial.main))) as pool:  # one unit beside the other
+    with ThreadPoolExecutor(beside(len(trial.main))) as pool:  # one unit beside the other
         cleaned = pool.map(lambda series: clean_unit(series, trial.epoch, despike), (trial.main, trial.sub))
         (main, spikes_main), (sub, spikes_sub) = cleaned
         if alignment is not None:

@@ -6,38 +6,18 @@ The same numbers come out as from :mod:`physics.matching` in one go.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from physics import matching, quaternions
 from schemas import scratch
-from schemas.products import BoolArray
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
+from stages import slabs as size
+from stages.slabs import slabs
 
-T = TypeVar("T", bound=np.generic)
-
-SLAB = 1 << 18  # samples
 NODES = 4  # of interpolation, on either side
-LONG = 1 << 21  # samples, from which on two units at a time would take too much memory
-
-
-def slabs(n: int) -> Iterator[slice]:
-    """n rows by SLAB: what is worked out of them on the way is many times as large as they are."""
-    return (slice(k, min(k + SLAB, n)) for k in range(0, n, SLAB))
-
-
-def beside(n: int) -> int:
-    """How many units of n samples are worked on at a time."""
-    return 1 if n > LONG else 2
-
-
-def rows(values: NDArray[T], kept: BoolArray) -> NDArray[T]:
-    """values[kept], without a copy where that is all of them (the usual case, and the arrays are large)."""
-    return values if kept.all() else values[kept]
 
 
 def empty_path(t: FloatArray) -> matching.Strapdown:
@@ -129,7 +109,7 @@ def step_means(
 def steps(index: IntArray) -> Iterator[tuple[slice, slice, IntArray]]:
     """Pieces of steps that end at samples index (N,): the steps, their samples with the end of the step before, and
     the ends among these."""
-    count = max(1, SLAB * len(index) // max(int(index[-1]), 1))
+    count = max(1, size.SLAB * len(index) // max(int(index[-1]), 1))
     for k in range(0, len(index), count):
         part = slice(k, min(k + count, len(index)))
         ends = index[max(k - 1, 0) : part.stop]

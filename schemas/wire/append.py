@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
@@ -51,7 +52,11 @@ def append_tables(
             else:
                 writer, problems = _rewrite(file, found, handle, compression, without, set(metadata or ()))
             write_metadata(writer, metadata)
-            write_tables(writer, tables)
+            handle.flush()
+            with ThreadPoolExecutor(1) as pool:  # what is copied goes to the disk while the rest is made
+                synced = pool.submit(os.fsync, handle.fileno())
+                write_tables(writer, tables)
+                synced.result()
             writer.finish()
     return tuple(problems)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,10 +61,17 @@ def write_tables(writer: SectionWriter, tables: Sequence[Table], chunk_bytes: in
     """Declare the channels of tables and write their messages in chunks."""
     streams = [_Stream(table, _declare(writer, table), _message_type(table)) for table in tables]
     writer.idle([stream.channel for stream in streams if len(stream.table) == 0])
-    for k, chosen in enumerate(_chunks(streams, chunk_bytes)):
-        _write_chunk(writer, streams, chosen)
-        if k % CHUNKS_HELD == 0:
-            scratch.release(*(column for table in tables for column in table.columns.values()))
+    with ThreadPoolExecutor(1) as pool:  # one chunk is packed and written while the next is laid out
+        written: Future[None] | None = None
+        for k, chosen in enumerate(_chunks(streams, chunk_bytes)):
+            made = _chunk(writer, streams, chosen)
+            if written is not None:
+                written.result()
+            written = pool.submit(writer.chunk, *made)
+            if k % CHUNKS_HELD == 0:
+                scratch.release(*(column for table in tables for column in table.columns.values()))
+        if written is not None:
+            written.result()
 
 
 @dataclass(frozen=True)
@@ -126,8 +134,10 @@ def _chunks(streams: Sequence[_Stream], chunk_bytes: int) -> Iterator[list[NDArr
         yield [row[first:last][mine == k] for k in range(len(streams))] + [mine]
 
 
-def _write_chunk(writer: SectionWriter, streams: Sequence[_Stream], chosen: list[NDArray[np.int64]]) -> None:
-    """Encode the chosen rows and lay the message records out in their merged order."""
+def _chunk(
+    writer: SectionWriter, streams: Sequence[_Stream], chosen: list[NDArray[np.int64]]
+) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """The chosen rows encoded, the message records in their merged order: what the writer's chunk takes."""
     *rows, owner = chosen
     encoded = [_encode(stream, mine) for stream, mine in zip(streams, rows, strict=True)]
     used = sorted({stream.channel for stream, mine in zip(streams, rows, strict=True) if len(mine)})
@@ -147,7 +157,7 @@ def _write_chunk(writer: SectionWriter, streams: Sequence[_Stream], chosen: list
     log_time = np.empty(len(owner), np.int64)
     for place, mine, stream in zip(places, rows, streams, strict=True):
         log_time[place] = stream.table.log_time[mine]
-    writer.chunk(buffer, channel, log_time, start)
+    return buffer, channel, log_time, start
 
 
 def _encode(stream: _Stream, rows: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], NDArray[np.uint8]]]:

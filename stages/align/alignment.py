@@ -28,7 +28,7 @@ from stages.align.likelihood import PRIOR_ANGLE, PRIOR_DELAY, Fit, fit
 from stages.align.phases import static_phases
 from stages.align.tracks import SEGMENT_SHORTEST, Span, Track, cell_length, finite_rows, shared_spans, tracks
 from stages.align.wahba import SEARCH_REACH, Coarse, rotation_between, search
-from stages.paths import beside, rows
+from stages.slabs import beside, rows
 
 CORRELATION_LEAST = 0.3  # share of common motion below which nothing is aligned
 RATE_MOVING = 0.1 * DEG  # rad/s rms; a unit that shows more is moving and not merely noisy

@@ -22,7 +22,7 @@ from schemas.errors import DataError
 from schemas.products import BoolArray
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray
-from stages.paths import rows
+from stages.slabs import rows
 
 GRID = 0.05  # s; ship motion lies far below its 10 Hz. Cells are whole multiples of it
 NODES = np.arange(-2.0, 4.0)  # grid points about an instant through which the polynomial goes

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +19,7 @@ from stages.decode import channels, plausible
 from stages.decode.foreign import with_foreign
 from stages.decode.profile import RigProfile, default_rig
 from stages.decode.roles import Found, Notes, clock_lag, decode_role, epoch_of, has_channel, table_of, topics, wanted
+from stages.slabs import beside
 
 MIN_DURATION_S = 5.0
 """Main and sub IMU must record together at least so long."""
@@ -24,11 +27,13 @@ EDGE_S = 1.0
 """A channel that starts later or ends earlier than the main IMU by more than this is noted."""
 CLOCKS_APART_S = 1.0
 """Stamps of main and sub further apart than this for messages written together: two clocks."""
-ORDER = (
-    *("phins_main", "phins_sub", "main", "sub"),
-    *("gnss", "sliding", "sled", "temperature_main", "temperature_sub"),
+GROUPS = (
+    ("phins_main", "phins_sub"),
+    ("main", "sub"),
+    ("gnss", "sliding", "sled", "temperature_main", "temperature_sub"),
 )
-"""PHINS first: their attitude may have to restore the gravity an IMU removed."""
+"""Roles that do not need each other; PHINS first: their attitude may have to restore the gravity an IMU removed."""
+ORDER = tuple(role for group in GROUPS for role in group)
 
 Progress = Callable[[int, int], None]
 Series = TypeVar("Series", bound=Any)
@@ -72,10 +77,15 @@ def _trial(log: Log, tables: dict[str, Table], profile: RigProfile, source: str)
         table_of(role, log, tables, profile)
     epoch = epoch_of(tables[profile.main.topic], profile)
     found, notes = Found(), tuple(log.problems) + _clock_note(tables, profile)
-    for role in ORDER:
-        found, told = _role(role, log, tables, profile, epoch, found)
-        notes += tuple(f"{profile.channel(role).topic}: {note}" for note in told)
-        release(role, tables, profile)
+    together = beside(len(tables[profile.main.topic]))
+    for group in GROUPS:
+        with ThreadPoolExecutor(together) as pool:
+            decoded = pool.map(partial(_role, log, tables, profile, epoch, found), group)
+            for role, (series, told) in zip(group, decoded):
+                found = replace(found, **{role: series})
+                notes += tuple(f"{profile.channel(role).topic}: {note}" for note in told)
+        for role in group:
+            release(role, tables, profile)
         scratch.release(*(column for table in tables.values() for column in table.columns.values()))
     return _assembled(found, notes, profile, source, epoch)
 
@@ -92,20 +102,20 @@ def _clock_note(tables: dict[str, Table], profile: RigProfile) -> Notes:
 
 
 def _role(
-    role: str, log: Log, tables: dict[str, Table], profile: RigProfile, epoch: int, found: Found
-) -> tuple[Found, Notes]:
-    """The role decoded and added to what is found; an optional one that is broken is told of instead."""
+    log: Log, tables: dict[str, Table], profile: RigProfile, epoch: int, found: Found, role: str
+) -> tuple[Any, Notes]:
+    """The role decoded, None where the log lacks it; an optional one that is broken is told of instead."""
     channel = profile.channel(role)
     required = role in ("main", "sub")
     if not required and not has_channel(role, log, profile):
-        return found, ()
+        return None, ()
     try:
         series, notes = decode_role(role, table_of(role, log, tables, profile), profile, epoch, found)
     except DataError as error:
         if required:
             raise error.located(channel=channel.topic) from error
-        return found, (f"left out: {error.problem}",)
-    return replace(found, **{role: _shelved(series)}), notes
+        return None, (f"left out: {error.problem}",)
+    return _shelved(series), notes
 
 
 def _shelved(series: Series) -> Series:

@@ -22,7 +22,8 @@ from schemas.rig import FloatArray
 from schemas.trial import IntArray, Trial
 from stages.estimate import model as m
 from stages.estimate.solve import Solution, solve
-from stages.paths import slabs
+from stages.estimate.spread_covariance import UPPER, carried
+from stages.slabs import slabs
 
 CHANNELS = (
     "attitude x", "attitude y", "attitude z", "relative velocity x", "relative velocity y", "relative velocity z",
@@ -102,14 +103,9 @@ def _covariance(solution: Solution, P: FloatArray, rows: IntArray) -> FloatArray
     """(k, 3, 3) rad^2 of the total at samples ``rows``: J P J^T with J = [-A_m^T, omega_s, omega_s centred]."""
     obs = solution.obs
     t = obs.t[rows]
-    at_full_rate = obs.spread(P[:, :5, :5].reshape(-1, 25), t).reshape(-1, 5, 5)
-    J = np.empty((len(t), 3, 5))
-    A_m = Rotation.from_quat(obs.main.attitude[rows]).as_matrix()
-    J[:, :, :3] = -np.swapaxes(A_m, 1, 2)
-    J[:, :, 3] = obs.spread(obs.rate_m, t)
-    J[:, :, 4] = J[:, :, 3] * (t - 0.5 * (obs.t[0] + obs.t[-1]))[:, None]
-    full = J @ at_full_rate @ np.swapaxes(J, 1, 2) * _inflation(solution)
-    return np.asarray(0.5 * (full + np.swapaxes(full, 1, 2)))
+    upper = obs.spread(P[:, UPPER[0], UPPER[1]], t)
+    centred = t - 0.5 * (obs.t[0] + obs.t[-1])
+    return carried(obs.main.attitude[rows], obs.spread(obs.rate_m, t), centred, upper) * _inflation(solution)
 
 
 def unseen(solution: Solution, alignment: Alignment) -> FloatArray:

@@ -14,7 +14,7 @@ from schemas.products import Deformation
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial
 from stages.attitudes import Attitudes, attitudes, attitudes_of, gathered
-from stages.paths import rows, slabs
+from stages.slabs import rows, slabs
 
 ENU = "enu"
 START = "imu_main_start"

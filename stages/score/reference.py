@@ -13,7 +13,7 @@ from schemas.products import Alignment, BoolArray
 from schemas.rig import FloatArray
 from schemas.trial import IntArray, Trial, Truth
 from stages.attitudes import At, Attitudes, attitudes, attitudes_of, gathered
-from stages.paths import rows
+from stages.slabs import rows
 
 
 @dataclass(frozen=True)

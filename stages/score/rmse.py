@@ -13,9 +13,9 @@ from schemas import scratch
 from schemas.products import BoolArray, Deformation, Score
 from schemas.rig import FloatArray
 from schemas.trial import Trial, Truth
-from stages.paths import beside, rows, slabs
 from stages.score.noise import reference_noise
 from stages.score.reference import Reference, phins_reference, truth_reference
+from stages.slabs import beside, rows, slabs
 
 NOTED_STD = 0.25 * ARCMIN  # of a PHINS's installation, from which on the reader is told
 
@@ -109,12 +109,13 @@ def _errors(deformation: Deformation, reference: Reference) -> tuple[BoolArray, 
         valid = reference.valid[part]
         rotation = reference.rotation[first : first + np.count_nonzero(valid)]
         first += len(rotation)
-        total = deformation.total[part][valid]
-        good = np.isfinite(total).all(axis=1)
+        total = rows(deformation.total[part], valid)
+        good = np.asarray(np.isfinite(total).all(axis=1))
         seen[part][np.flatnonzero(valid)[good]] = True
         into = slice(k, k := k + int(good.sum()))
-        error[into] = angular_error(total[good], rotation[good])
-        variance[into] = np.diagonal(deformation.covariance[part][valid][good], axis1=1, axis2=2)
+        error[into] = angular_error(rows(total, good), rows(rotation, good))
+        own = np.diagonal(deformation.covariance[part], axis1=1, axis2=2)
+        variance[into] = rows(rows(own, valid), good)
         scratch.release(error, variance, reference.rotation, deformation.total, deformation.covariance)
     return seen, error[:k], variance[:k]
 

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 from schemas import scratch
 from schemas.wire import read_log, scan_log
-from stages import paths, unfit
+from stages import slabs, unfit
 
 CONTRACT = {
     "log", "estimator", "identifier", "duration_s", "samples", "static_arcmin", "time_delay_s", "flexure",
@@ -56,8 +56,8 @@ def test_json_is_one_document_with_the_contracts_keys_and_nothing_else_is_printe
 
 def test_a_long_log_worked_on_piece_by_piece_gives_the_same_bytes(finished, sample, tmp_path, deckflex, monkeypatch):
     monkeypatch.setattr(scratch, "LARGE", 1 << 14)
-    monkeypatch.setattr(paths, "SLAB", 1000)
-    monkeypatch.setattr(paths, "LONG", 1)
+    monkeypatch.setattr(slabs, "SLAB", 1000)
+    monkeypatch.setattr(slabs, "LONG", 1)
     monkeypatch.setattr(unfit, "PIECE", 10 * unfit.SPIKE_WINDOW)
     told = deckflex("run", sample, "-o", tmp_path / "out.mcap")
     assert told.status == 0, told.err
