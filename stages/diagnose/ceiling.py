@@ -18,12 +18,16 @@ from schemas.rig import FloatArray
 from stages.diagnose import slow, whitening
 from stages.diagnose.baseline import Baseline
 from stages.diagnose.evidence import Gram, Table, held_out, solve
+from stages.diagnose.latency import main_column, main_match
+from stages.diagnose.regressors import error_periods
 from twin.effects._prediction import LogView, Signals, on_axis
 
 LAGS_S = (-0.6, -0.2, 0.2, 0.6)
 HARMONICS = (1, 2, 3, 5)
 PIECE_S, SHORTEST_SWING_S = 5.0, 20.0  # s, of a clock that swings
 SWINGING = "a clock that swings"
+SWINGING_PHINS, PHINS_PERIODS = "a PHINS that swings", 2
+MAIN_PHINS = "an error of the main PHINS that follows the motion"
 SLOW_BENDING = "slow bending"
 
 
@@ -47,21 +51,54 @@ def families(
 
     y: (N, m) whitened innovations, false gyro samples taken out: blocks that do not hold one know nothing of it.
     """
-    y = y[:, : base.whitened.values.shape[1]]
-    out = []
+    width = base.whitened.values.shape[1]
+    out = _main_phins(base, view, found, white[:, width:], kept, y[:, width:])
+    y = y[:, :width]
     known = Table.of(
         [found.names[k] for k in kept], white[:, : y.shape[1]], y, base.t, found.precision[kept], chosen=kept
     )
     swinging = _swinging_clock(base, view, found, white, kept, y)
-    for name, (channel, made) in {**FAMILIES, SWINGING: ("sub.stamp", swinging)}.items():
+    found_here = {SWINGING: ("sub.stamp", swinging), SWINGING_PHINS: ("phins_sub.attitude", _swinging_phins(base))}
+    for name, (channel, made) in {**FAMILIES, **found_here}.items():
         if channel.startswith("phins") and base.match is None:
             continue
         own = _of_unit_size(whitening.whiten_columns(base.whitened, base.response.many(made(view))))
-        names = [f"{name} {k}" for k in range(own.shape[2])]
-        joint = known.widened(names, own, np.full(len(names), 1.0 / 400.0))
-        gained = held_out(joint, range(len(kept)), range(len(kept), len(kept) + len(names)))
-        out.append(Family(name, gained, channel, _axis(own, y)))
+        out.append(_family(name, channel, known, own, y))
     return tuple(sorted(out, key=lambda family: -family.gain.sum()))
+
+
+def _family(name: str, channel: str, known: Table, own: FloatArray, y: FloatArray) -> Family:
+    """A family of whitened columns (N, m, K) of unit size beside known ones."""
+    before, names = len(known.gram.names), [f"{name} {k}" for k in range(own.shape[2])]
+    joint = known.widened(names, own, np.full(len(names), 1.0 / 400.0))
+    gained = held_out(joint, range(before), range(before, before + len(names)))
+    return Family(name, gained, channel, _axis(own, y))
+
+
+def _main_phins(
+    base: Baseline, view: LogView, found: Gram, white: FloatArray, kept: list[int], y: FloatArray
+) -> list[Family]:
+    """What an error of the main PHINS that follows the ship's rates gains in the channels (N, 3) of its own; nothing
+    without a main PHINS."""
+    match = main_match(base) if y.shape[1] else None
+    if match is None:
+        return []
+    seen = [k for k in kept if white[:, :, k].any()]
+    known = Table.of([found.names[k] for k in seen], white, y, base.t, found.precision[seen], chosen=seen)
+    signals = [Signals(phins_main=x) for x in _matrix(view.omega_m)]
+    own = _of_unit_size(np.stack([main_column(base, match, signal) for signal in signals], axis=2))
+    return [_family(MAIN_PHINS, "phins_main.attitude", known, own, y)]
+
+
+def _swinging_phins(base: Baseline) -> Made:
+    """Errors of the PHINS at the periods with which their innovations ring most, any phase."""
+    periods = error_periods(base)[:PHINS_PERIODS]
+    return lambda view: [
+        Signals(phins=x)
+        for period in periods
+        for wave in (np.sin, np.cos)
+        for x in _each_axis(wave(2.0 * np.pi * view.t / period))
+    ]
 
 
 def _of_unit_size(columns: FloatArray) -> FloatArray:

@@ -47,7 +47,8 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Evidence:
-    """All that was found before anything is judged."""
+    """All that was found before anything is judged. nameless: found in stamps, values or as events, repaired or cut
+    out, and none of the effects that may be named."""
 
     checks: direct.DirectChecks
     chosen: Selection
@@ -59,11 +60,13 @@ class Evidence:
     ceiling: tuple[Family, ...]
     excess: Excess
     findings: tuple[Finding, ...]
+    nameless: tuple[Finding, ...]
 
     @property
     def left(self) -> float:
         """Nats of what no effect explains."""
-        return max(0.0, float(self.ceiling[0].gain.sum()) if self.ceiling else 0.0) + max(0.0, self.excess.total)
+        families = max(0.0, float(self.ceiling[0].gain.sum()) if self.ceiling else 0.0)
+        return families + max(0.0, self.excess.total) + sum(finding.evidence_nats for finding in self.nameless)
 
 
 def diagnose(
@@ -144,6 +147,7 @@ def _without_known(trial: Trial, twin: Twin) -> tuple[Trial, Twin]:
 def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.Generator, say: Progress) -> Evidence:
     say("direct checks")
     checks = direct.check(trial, twin)
+    nameless = [f for f in checks.findings if f.name not in names]
     checks = replace(checks, findings=tuple(f for f in checks.findings if f.name in names))
     work = checks.masked
     coarse = align(believed(work, twin).trial)
@@ -169,6 +173,7 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     spectral, joint = _spectral(residual, twin, _not_alike(chosen, names), known, first)
     # Wild samples were taken out before the mean effects; slams show best once those are gone too.
     timed = [c for c in wild if c.finding.name == "outliers"] + [c for c in slams if c.finding.name == "slamming"]
+    nameless += [c.finding for c in timed if c.named and c.finding.name not in names]
     candidates = (*(c for c in timed if c.finding.name in names), *spectral)
     say("what is left")
     ceiling = families(
@@ -182,7 +187,9 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     ceiling = tuple(_doubted(family, chosen) for family in ceiling)
     excess = _excess(residual, twin, joint, spectral, known, "axis_coupling" not in names)
     findings = _findings(checks, chosen, candidates, joint)
-    return Evidence(checks, chosen, candidates, found, before, residual, joint, ceiling, excess, findings)
+    return Evidence(
+        checks, chosen, candidates, found, before, residual, joint, ceiling, excess, findings, tuple(nameless)
+    )
 
 
 def _doubted(family: Family, chosen: Selection) -> Family:
@@ -356,7 +363,7 @@ def _transfer(chosen: Selection, verdict: Verdict, places: Sequence[Place]) -> T
 
 def _places_left(evidence: Evidence) -> tuple[Place, ...]:
     """Where what has no name sits."""
-    out = []
+    out = [place for finding in evidence.nameless for place in finding.places[:1]]
     for family in evidence.ceiling[:2]:
         if family.gain.sum() > FLOOR_NATS:
             out.append(Place(family.channel, family.axis, pictures.MOTION_HZ, None, float(family.gain.sum())))

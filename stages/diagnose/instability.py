@@ -3,7 +3,8 @@
 b(t) = sum c_k sqrt(2/T) cos(pi k t / T) per axis, k from 1 on, c_k normal with the density of a first-order
 Gauss-Markov process at k / 2T: 2 sigma^2 tau / (1 + (2 pi f tau)^2). Its mean is a bias, and free. The columns are
 whitened once; evidence is the marginal likelihood of the best (sigma, tau) over that of no wandering, less the price of
-two parameters.
+two parameters. No wandering means noise as it was fitted, or more of it about any axis, white: what interpolation
+over lost samples or a coarse lattice adds about the liveliest axis is no process that keeps its value for seconds.
 """
 
 from __future__ import annotations
@@ -30,6 +31,15 @@ SAMPLE_S = 0.05  # s between the instants at which the basis is propagated: the 
 PIECE = 2000  # steps of the record whose columns are multiplied at a time
 TAUS_S = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 SIGMAS = tuple(0.02 * 1.5**k for k in range(22))  # deg/h
+WHITE_SHARES = (
+    0.3,
+    0.5,
+    0.75,
+    1.0,
+    1.5,
+    2.0,
+    3.0,
+)  # of the fitted noise: white noise beside it
 PRICE = 6.0  # nats
 ANY_BIAS = 1e-4  # (deg/h)^-2, precision of the mean
 
@@ -98,8 +108,11 @@ def wander(base: Baseline, made: Basis, columns: FloatArray, precision: FloatArr
     solved = solve_normal(A, np.column_stack([B, G[:K, -1]]))
     information = C - B.T @ solved[:, :-1]
     moment = G[K:-1, -1] - B.T @ solved[:, -1]
+    white, least = _white(information, moment, base.levels.noise.gyro)
     grid = list(product(SIGMAS, TAUS_S))
-    told = np.array([_marginal(information, moment, variances(made.frequency, s, tau)) for s, tau in grid])
+    v = [variances(made.frequency, s, tau) for s, tau in grid]
+    beside = (0.0, white) if white.any() else (0.0,)
+    told = np.array([max(_marginal(information, moment, each + more) for more in beside) for each in v]) - least
     best = int(np.argmax(told))
     std, tau = grid[best]
     weight = np.exp(told - told[best])
@@ -112,6 +125,20 @@ def wander(base: Baseline, made: Basis, columns: FloatArray, precision: FloatArr
     v = variances(made.frequency, std, tau)
     by_axis = np.array([_marginal(information[p, p], moment[p], v[p]) for p in parts])
     return Wander(mean_std, mean_std * errors[0], mean_tau, mean_tau * errors[1], float(told[best]) - PRICE, by_axis)
+
+
+def _white(information: FloatArray, moment: FloatArray, fitted: FloatArray) -> tuple[FloatArray, float]:
+    """(3 terms,) variances of white noise about each axis beside the fitted one (3,), rad/sqrt(s), the likeliest, and
+    its nats; 0 where there is none."""
+    third = len(moment) // 3
+    out = np.zeros(len(moment))
+    for axis in range(3):
+        own = slice(axis * third, (axis + 1) * third)
+        levels = [(share * fitted[axis]) ** 2 for share in WHITE_SHARES]
+        told = [_marginal(information[own, own], moment[own], np.full(third, level)) for level in levels]
+        if max(told) > 0.0:
+            out[own] = levels[int(np.argmax(told))]
+    return out, max(0.0, _marginal(information, moment, out)) if out.any() else 0.0
 
 
 def _moments(columns: FloatArray, more: FloatArray, y: FloatArray) -> FloatArray:

@@ -75,7 +75,8 @@ def _couplings(obs: Observations, at: Linearisation, jumps: Sequence[float]) -> 
     """How flexure moves the lever arm: each element of B, and each column's share above a corner frequency.
 
     The lever follows flexure only below some frequency, with a lag or without: what it lacks is a mixture of
-    ``theta - LP(theta)`` over corners, with first-order filters of either kind.
+    ``theta - LP(theta)`` over corners, with first-order filters of either kind. And how much of the second order
+    it has.
     """
     theta = without_jumps(obs.t, full_rate(obs, at.R_ref), jumps)
     size = COUPLING_SHARE * max(float(np.linalg.norm(at.lever_arm)), 1.0)
@@ -92,7 +93,14 @@ def _couplings(obs: Observations, at: Linearisation, jumps: Sequence[float]) -> 
             for j in range(3):
                 column = _on_u(moved(lost, at.coupling[:, [j]] * np.eye(3)[j]))
                 out.append(Nuisance(f"lever {kind} {corner:g} Hz {'xyz'[j]}", column, 1.0))
-    return out
+    return [*out, second_order(obs, at.lever_arm, _freed(obs, theta, DRIFT_WINDOW_S))]
+
+
+def second_order(obs: Observations, arm: FloatArray, theta: FloatArray) -> Nuisance:
+    """What a lever arm (3,) m that turns with the deck moves by beyond theta x r: theta x (theta x r) / 2. How much of
+    it a deck has is its own: a beam that bends turns less on the way than at its end. theta: (n, 3) rad."""
+    moved = 0.5 * np.cross(theta, np.cross(theta, arm))
+    return Nuisance("lever of second order", _on_u(_moved(obs, theta)(moved, np.eye(3))), 1.0)
 
 
 def _moving_mean(x: FloatArray, width: int) -> FloatArray:
@@ -106,8 +114,13 @@ def _moving_mean(x: FloatArray, width: int) -> FloatArray:
 def seen_flexure(obs: Observations, R_ref: FloatArray, window: float = DRIFT_WINDOW_S) -> FloatArray:
     """(n, 3) rad, the flexure that the gyros show, freed of their drift over a window (s), or of its trend where the
     record is shorter. The shorter window frees it of slow bending too, and takes some of the flexure along."""
-    theta, t = full_rate(obs, R_ref), obs.t
-    window = DRIFT_WINDOW_S if obs.jump_s.any() else window  # across gaps theta is not known
+    # Across gaps theta is not known.
+    return _freed(obs, full_rate(obs, R_ref), DRIFT_WINDOW_S if obs.jump_s.any() else window)
+
+
+def _freed(obs: Observations, theta: FloatArray, window: float) -> FloatArray:
+    """theta (n, 3) without what is slower than a window."""
+    t = obs.t
     if window > t[-1] - t[0]:
         return np.asarray(detrend(theta, axis=0))
     return theta - _moving_mean(theta, max(3, int(window / float(np.median(np.diff(t))))))

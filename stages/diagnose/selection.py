@@ -20,7 +20,7 @@ from stages.diagnose.baseline import Baseline, baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
 from stages.diagnose.evidence import Gram, gain, held_out_sum, null_evidence, shifted, solve
 from stages.diagnose.instability import Wander
-from stages.diagnose.nuisances import TOLERANCES
+from stages.diagnose.nuisances import TOLERANCES, second_order
 from stages.diagnose.pick import Pick, at_period, with_period
 from stages.diagnose.regressors import Group, Regressors, regressors, view_of
 from stages.diagnose.view import arw_of, believed
@@ -214,11 +214,26 @@ def _about(
     named = [pick.effect for pick in picks]
     clean = compensate(trial, named, twin).trial if picks else trial
     arm = reduce(lambda changed, effect: effect.twin(changed), named, twin).mount.lever_arm
-    base = baseline(believed(clean, section(twin, "mount", lever_arm=arm), lagging, flexure), coarse, levels)
+    source = believed(clean, section(twin, "mount", lever_arm=arm), lagging, flexure)
+    base = baseline(source, coarse, levels)
     if wandering is not None:
         made = instability.as_nuisances(base, wandering.std, wandering.tau)
         base = extended(base, [*made, *instability.mean_nuisances(base, wandering.std, wandering.tau)])
-    return base, regressors(base, view_of(base), names, [(pick.group, pick.value) for pick in picks]), clean
+    view = view_of(base)
+    if (bent := _bent(view, picks)).any():
+        base = extended(base, [second_order(base.obs, source.lever_arm, bent + view.theta)])
+    return base, regressors(base, view, names, [(pick.group, pick.value) for pick in picks]), clean
+
+
+def _bent(view: LogView, picks: Sequence[Pick]) -> FloatArray:
+    """(n, 3) rad of bending that was taken out for the picks."""
+    out = np.zeros_like(view.theta)
+    for pick in picks:
+        columns = effects.get(pick.group.effect).predict(view, **pick.group.shape)
+        for column, value in zip(columns, pick.taken, strict=True):
+            if column.signals.bending is not None:
+                out += value * column.signals.bending
+    return out
 
 
 def _frozen(found: Regressors, picks: Sequence[Pick]) -> tuple[Gram, FloatArray]:

@@ -70,7 +70,7 @@ def limit(nature: Nature, columns: Sequence[FloatArray | Bending], seen: Drive) 
 
     Channels: rates, forces, relative attitude of the PHINS, three axes each.
     """
-    nuisances, free = _nuisances(seen)
+    nuisances, free = _nuisances(nature, seen)
     window = np.hanning(len(seen.t))
     every = np.asarray(np.fft.rfftfreq(len(seen.t), STEP), dtype=np.float64)
     f = every[every <= HIGHEST]
@@ -193,19 +193,36 @@ def _cross(v: FloatArray) -> FloatArray:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
-def _nuisances(seen: Drive) -> tuple[list[FloatArray | Bending], FloatArray]:
-    """Biases, static angle and seat of the PHINS, with the standard deviation a twin leaves each."""
+def _nuisances(nature: Nature, seen: Drive) -> tuple[list[FloatArray | Bending], FloatArray]:
+    """Biases, static angle and seat of the PHINS, with the standard deviation a twin leaves each, and the place to
+    which mean bending takes the sub-IMU."""
     columns: list[FloatArray | Bending] = []
     free = []
+    hidden = _mean_bending(nature)
     for axis in range(3):
         e = np.eye(3)[axis]
-        for name, column in (
-            ("gyro", signal(seen, gyro=e)), ("accel", signal(seen, accel=e)),
-            ("static", bent(np.ones(len(seen.t)), axis)), ("phins", signal(seen, attitude=e)),
+        moved = signal(seen, accel=_at_lever(seen, np.cross(e, nature.deck.lever)))
+        for std, column in (
+            (FREE["gyro"], signal(seen, gyro=e)), (FREE["accel"], signal(seen, accel=e)),
+            (FREE["static"], bent(np.ones(len(seen.t)), axis)), (FREE["phins"], signal(seen, attitude=e)),
+            (hidden[axis], moved),
         ):  # fmt: skip
             columns.append(column)
-            free.append(FREE[name])
+            free.append(std)
     return columns, np.array(free)
+
+
+def _mean_bending(nature: Nature) -> FloatArray:
+    """(3,) rad, one sigma: mean bending that passes for static angle. Of both only the sum is seen; bending alone moves
+    the sub-IMU."""
+    mean = np.diagonal(_bending(nature.deck, np.zeros(1))[0]).real / nature.duration
+    return np.asarray(1.0 / np.sqrt(1.0 / mean + 1.0 / FREE["static"] ** 2))
+
+
+def _at_lever(seen: Drive, arm: FloatArray) -> FloatArray:
+    """(n, 3) m/s^2 at the end of a lever arm, beyond those at its foot."""
+    w = seen.omega
+    return np.asarray(np.cross(seen.omega_dot, arm) + np.cross(w, np.cross(w, arm)))
 
 
 def signal(
@@ -249,8 +266,7 @@ def unit_signals(name: str, seen: Drive, drawn: dict) -> Sequence[FloatArray | B
     if name == "accel_scale_factor":
         return [signal(seen, accel=np.outer(seen.force[:, i], eye[i]) * PPM) for i in range(3)]
     if name == "lever_arm":
-        w = seen.omega
-        return [signal(seen, accel=np.cross(seen.omega_dot, e) + np.cross(w, np.cross(w, e))) for e in eye]
+        return [signal(seen, accel=_at_lever(seen, e)) for e in eye]
     if name == "phins_attitude_error":
         wave = np.sin(2.0 * np.pi * seen.t / drawn["period"]) * ARCMIN
         return [signal(seen, attitude=np.outer(wave, e)) for e in eye]

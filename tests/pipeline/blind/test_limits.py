@@ -128,3 +128,14 @@ def test_a_sine_of_the_least_amplitude_stands_so_many_sigmas_out_of_white_noise(
     sine = limits.vibration(still, 7.0, 2) * np.sin(2.0 * np.pi * 7.0 * t)
     noise = np.sqrt((still.main.arw**2 + still.sub.arw**2) * still.rate)
     assert np.linalg.norm(sine) / noise == pytest.approx(limits.DETECTABLE, rel=1e-3)
+
+
+def test_a_lever_arm_is_known_no_better_than_the_mean_bending_that_moves_it(nature):
+    seen = limits.drive(nature)
+    mean = np.diagonal(limits._bending(nature.deck, np.zeros(1))[0]).real / nature.duration
+    split = np.sqrt(mean * limits.FREE["static"] ** 2 / (mean + limits.FREE["static"] ** 2))
+    by_axis = np.cross(np.eye(3) * split[:, None], nature.deck.lever)
+    least = limits.DETECTABLE * np.sqrt((by_axis**2).sum(axis=0))
+    bound = limits.limit(nature, limits.unit_signals("lever_arm", seen, {}), seen)
+    assert (bound > 0.999 * least).all()
+    assert bound[2] < 2.0 * least[2]

@@ -14,7 +14,7 @@ from schemas.rig import FloatArray
 from stages.diagnose import columns, instability
 from stages.diagnose.baseline import Baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
-from stages.diagnose.ceiling import FAMILIES, SWINGING, families
+from stages.diagnose.ceiling import FAMILIES, MAIN_PHINS, SWINGING, SWINGING_PHINS, families
 from stages.diagnose.evidence import held_out, solve
 from stages.diagnose.judgement import LEFT_NATS
 from stages.diagnose.latency import main_column, main_match
@@ -63,7 +63,7 @@ def test_no_effect_and_no_generic_family_gains_on_a_log_without_a_gap(bare: Base
     assert max(gained.values()) < FLOOR_NATS
     assert {group.effect for group in found.groups} == set(MEAN) - {"misalignment_step"}  # nothing has stepped
     told = families(bare, view, found.gram, found.columns, kept, bare.whitened.values)
-    assert len(told) == len(FAMILIES) + 1  # and the clock that swings, whose period is sought in the log
+    assert len(told) == len(FAMILIES) + 2  # and clock and PHINS that swing, whose periods are sought in the log
     assert sum(family.gain.sum() for family in told[:1]) < LEFT_NATS
 
 
@@ -78,6 +78,22 @@ def test_a_clock_that_swings_is_seen_by_the_family_of_its_period() -> None:
     assert told[0].name == SWINGING
     assert told[0].gain.sum() > 4.0 * LEFT_NATS
     assert told[0].gain.sum() > 4.0 * told[1].gain.sum()
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameters", "family", "channel"),
+    [
+        ("phins_attitude_error", {"y": 0.6, "period": 90.0}, SWINGING_PHINS, "phins_sub.attitude"),
+        ("phins_latency", {"delay": 2e-3}, MAIN_PHINS, "phins_main.attitude"),
+    ],
+)
+def test_an_error_of_a_phins_without_its_name_is_seen_by_a_family(effect, parameters, family, channel) -> None:
+    base = baseline_of(log((effect, parameters)))
+    found = regressors(base, view_of(base), ["time_delay"])
+    kept = list(range(len(found.nuisances)))
+    told = families(base, view_of(base), found.gram, found.columns, kept, found.values)
+    assert (told[0].name, told[0].channel) == (family, channel)
+    assert told[0].gain.sum() > LEFT_NATS
 
 
 def test_the_best_factor_is_the_top_of_a_parabola_or_else_the_best_that_was_tried() -> None:
@@ -180,6 +196,18 @@ def test_a_wandering_bias_is_found_with_its_size_and_time_constant() -> None:
 
 def test_no_bias_wanders_where_none_does(bare: Baseline) -> None:
     assert instability.wander(bare, instability.basis(bare), bare.columns, bare.precision).evidence < 0.0
+
+
+def test_more_white_noise_about_one_axis_is_no_wandering_bias(bare: Baseline, monkeypatch) -> None:
+    basis = instability.basis(bare)
+    third = basis.columns.shape[2] // 3
+    drawn = np.random.default_rng(5).standard_normal(third) * 6.0 * bare.levels.noise.gyro[1]
+    shaken = bare.whitened.values + basis.columns[:, :, third : 2 * third] @ drawn
+    base = replace(bare, whitened=replace(bare.whitened, values=shaken))
+    monkeypatch.setattr(instability, "WHITE_SHARES", (3.0, 6.0))
+    assert instability.wander(base, basis, bare.columns, bare.precision).evidence < 0.0
+    monkeypatch.setattr(instability, "WHITE_SHARES", (1e-9,))
+    assert instability.wander(base, basis, bare.columns, bare.precision).evidence > 10.0  # a process would explain it
 
 
 def test_the_latency_of_both_phins_is_found() -> None:
