@@ -104,8 +104,8 @@ def baseline(source: Believed, coarse: Alignment, start: Levels | None = None) -
         *gyro_lag(source, obs, at.R_ref, response),
     )
     match = whitening.phins_match(source.trial, obs)
-    tuner = Tuner(obs, at, match, (*believed_nuisances(obs, at, response), *own))
     levels = _first_levels(source, believed, flexure)
+    tuner = Tuner(obs, at, match, (*believed_nuisances(obs, at, response), *own), levels.phins)
     jumps = step_times(tuner, tuner.whitened(levels)[0])
     if jumps:
         smooth = believed_nuisances(obs, at, response, jumps)

@@ -110,9 +110,9 @@ def wander(base: Baseline, made: Basis, columns: FloatArray, precision: FloatArr
     moment = G[K:-1, -1] - B.T @ solved[:, -1]
     white, least = _white(information, moment, base.levels.noise.gyro)
     grid = list(product(SIGMAS, TAUS_S))
-    v = [variances(made.frequency, s, tau) for s, tau in grid]
+    tried = [variances(made.frequency, s, tau) for s, tau in grid]
     beside = (0.0, white) if white.any() else (0.0,)
-    told = np.array([max(_marginal(information, moment, each + more) for more in beside) for each in v]) - least
+    told = np.array([max(_marginal(information, moment, each + more) for more in beside) for each in tried]) - least
     best = int(np.argmax(told))
     std, tau = grid[best]
     weight = np.exp(told - told[best])

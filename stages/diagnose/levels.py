@@ -13,13 +13,14 @@ from stages.diagnose import whitening
 from stages.diagnose.columns import lever_velocity
 from stages.diagnose.evidence import solve
 from stages.diagnose.nuisances import Nuisance
-from stages.diagnose.whitening import Core, Levels, PhinsMatch, Whitened
+from stages.diagnose.whitening import Core, Levels, PhinsMatch, PhinsNoise, Whitened
 from stages.estimate.model import PER_STEP
 from stages.paired import Linearisation, Observations
 
 PILOT_S = 400.0  # of record on which noise is found
 FACTORS = ((0.05, 20.0), (0.2, 5.0), (0.45, 2.2), (0.8, 1.25))  # tried on each noise level, round by round
 ANEW = ((0.7, 1.4),)  # of a log that changed a little
+DRIFT_FACTOR = 1.5  # one sigma, by which size and time constant of the PHINS' slow noise are off the twin's
 PARABOLA = 2.5  # factor up to which a log-likelihood is one in the logarithm of a level
 STATES = np.zeros(0, dtype=np.int64)
 
@@ -29,12 +30,16 @@ Change = Callable[[Levels, FloatArray], Levels]
 
 @dataclass(frozen=True)
 class Tuner:
-    """A log about one linearisation with its nuisances: whitens it at given levels, and finds the levels."""
+    """A log about one linearisation with its nuisances: whitens it at given levels, and finds the levels.
+
+    phins: what the twin says of the PHINS' noise.
+    """
 
     obs: Observations
     at: Linearisation
     match: PhinsMatch | None
     nuisances: tuple[Nuisance, ...]
+    phins: PhinsNoise
 
     @property
     def raw(self) -> FloatArray:
@@ -96,11 +101,22 @@ class Tuner:
             less, more = (self.channels(change(levels, np.full(3, f)), made) for f in factors)
             told = np.stack([less, now, more])
             told = told[:, 3:6] if change in PER_AXIS else np.repeat(told.sum(axis=1)[:, None], 3, axis=1)
+            if change in OF_DRIFT:
+                told += np.array([self._likely(change(levels, np.full(3, f))) for f in (factors[0], 1.0, factors[1])])[
+                    :, None
+                ]
             chosen = np.exp(_highest(tried, told))
             if np.any(chosen != 1.0):
                 levels = change(levels, chosen)
                 now = self.channels(levels, made)
         return levels
+
+    def _likely(self, levels: Levels) -> float:
+        """Log-density of the PHINS' slow noise, given what the twin says: a few of its time constants of record tell
+        the speed at which it wanders, and hardly how far."""
+        found, said = levels.phins, self.phins
+        off = np.log([found.drift[0] / said.drift[0], found.tau / said.tau]) / np.log(DRIFT_FACTOR)
+        return -0.5 * float(off @ off)
 
     def channels(self, levels: Levels, made: Core) -> FloatArray:
         """(9,) log-likelihood of the innovations of each channel. made: at levels of the same flexure and gyros."""
@@ -158,6 +174,7 @@ def _tau(levels: Levels, factor: FloatArray) -> Levels:
 
 
 PER_AXIS = (_jitter, _velocity, _colour)
+OF_DRIFT = (_drift, _tau)
 
 
 def _fit(whitened: Whitened, columns: FloatArray, precision: FloatArray) -> FloatArray:
