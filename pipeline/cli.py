@@ -156,7 +156,9 @@ def diagnose(
     """Say where a log departs from its twin, which effect causes it, and how far the gap shrinks with it."""
     from pipeline.diagnosing import diagnose_log, report_document, write_diagnosis
     from pipeline.files import check_targets
+    from pipeline.heap import keep_freed
 
+    keep_freed()
     named_files = {"json": output, "recording": rrd, "report": report}
     outputs = {kind: path for kind, path in named_files.items() if path is not None}
     check_inputs(log, rig)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import mmap
 import os
+import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 LARGE = 1 << 26  # bytes: the rates of an IMU at 100 Hz over eight hours
+SPARE, RESERVE = 2, 1 << 30  # sizes of an array, and bytes, that the disk must have
 FOLDER = Path("/var/tmp")  # on disk, where the system's usual folder may be memory itself
 
 
@@ -34,9 +36,13 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]
 
 
 def mapped(size: int) -> Pages | None:
-    """So many bytes of a file of their own, its space on the disk reserved; None where there is none to be had."""
+    """So many bytes of a file of their own, their space on the disk reserved where it can be; None where there is none
+    to be had, or where the disk would have little left for results."""
     try:
-        with tempfile.TemporaryFile(dir=_folder()) as file:
+        folder = _folder()
+        if shutil.disk_usage(folder or tempfile.gettempdir()).free < SPARE * size + RESERVE:
+            return None
+        with tempfile.TemporaryFile(dir=folder) as file:
             os.posix_fallocate(file.fileno(), 0, size)
             return Pages(file.fileno(), size)
     except (OSError, AttributeError, ValueError):

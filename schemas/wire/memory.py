@@ -40,12 +40,13 @@ class Supply:
         filed = isinstance(pages, scratch.Pages)
         huge = not filed and size == _STEP and self._spent <= _PATIENCE + _WORTH * self._taken
         before = time.thread_time()
+        if filed and start >= _KEPT:
+            pages.madvise(mmap.MADV_DONTNEED, 0, start - _KEPT)
         try:
-            if filed and start >= _KEPT:
-                pages.madvise(mmap.MADV_DONTNEED, 0, start - _KEPT)
-            elif not filed:
+            if not filed:
                 pages.madvise(_HUGE if huge else _PLAIN, start, size)
-            pages.madvise(_POPULATE, start, size)
+            if self.helps:
+                pages.madvise(_POPULATE, start, size)
         except OSError:
             self.helps = False  # an older kernel: pages come when they are touched
         if huge:
@@ -62,19 +63,25 @@ class Room:
         self._row = self._size // shape[0] if shape[0] else 0
         self._pages: mmap.mmap | None = None
         self._start = self._ready = 0
-        if self._size < _LARGE or dtype.hasobject or not supply.helps:
+        if self._size >= scratch.LARGE and not dtype.hasobject:
+            self._pages = scratch.mapped(self._size)
+        if self._pages is None and (self._size < _LARGE or dtype.hasobject or not supply.helps):
             self.values: NDArray[Any] = np.empty(shape, dtype)
             return
-        self._pages = scratch.mapped(self._size) if self._size >= scratch.LARGE else None
         if self._pages is None:
             self._pages = mmap.mmap(-1, self._size + _STEP, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         whole = np.frombuffer(self._pages, np.uint8)
         self._start = 0 if isinstance(self._pages, scratch.Pages) else -whole.ctypes.data % _STEP
         self.values = whole[self._start : self._start + self._size].view(dtype).reshape(shape)
 
+    @property
+    def _comes(self) -> bool:
+        """Whether anything is to be done about pages: files give theirs back."""
+        return self._supply.helps or isinstance(self._pages, scratch.Pages)
+
     def ready(self, rows: int) -> None:
         """The first rows are about to be written."""
-        while self._pages is not None and self._ready < rows * self._row and self._supply.helps:
+        while self._pages is not None and self._ready < rows * self._row and self._comes:
             step = min(_STEP, self._size - self._ready)
             self._supply.provide(self._pages, self._start + self._ready, step)
             self._ready += step

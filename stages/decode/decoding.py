@@ -72,7 +72,7 @@ def decode(path: Path | str, rig_profile: RigProfile | None = None, progress: Pr
 
 
 def _trial(log: Log, tables: dict[str, Table], profile: RigProfile, source: str) -> Trial:
-    """All channels but truth. Tables are given up one by one, to hold no more memory than needed."""
+    """All channels but truth. Tables are given up group by group, to hold no more memory than needed."""
     for role in ("main", "sub"):
         table_of(role, log, tables, profile)
     epoch = epoch_of(tables[profile.main.topic], profile)

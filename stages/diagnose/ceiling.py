@@ -8,7 +8,7 @@ Held out, a family gains nothing where the named effects are enough; where one d
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from physics.units import STANDARD_GRAVITY
 from schemas.rig import FloatArray
 from stages.diagnose import slow, whitening
 from stages.diagnose.baseline import Baseline
-from stages.diagnose.evidence import Gram, Table, held_out, solve
+from stages.diagnose.evidence import Gram, Table, combined, held_out, solve
 from stages.diagnose.latency import main_column, main_match
 from stages.diagnose.regressors import error_periods
 from twin.effects._prediction import LogView, Signals, on_axis
@@ -79,15 +79,17 @@ def _main_phins(
     base: Baseline, view: LogView, found: Gram, white: FloatArray, kept: list[int], y: FloatArray
 ) -> list[Family]:
     """What an error of the main PHINS that follows the ship's rates gains in the channels (N, 3) of its own; nothing
-    without a main PHINS."""
-    match = main_match(base) if y.shape[1] else None
+    without a pair of PHINS, whose latency could not be named either."""
+    match = main_match(base) if y.shape[1] and base.match is not None else None
     if match is None:
         return []
     seen = [k for k in kept if white[:, :, k].any()]
     known = Table.of([found.names[k] for k in seen], white, y, base.t, found.precision[seen], chosen=seen)
     signals = [Signals(phins_main=x) for x in _matrix(view.omega_m)]
     own = _of_unit_size(np.stack([main_column(base, match, signal) for signal in signals], axis=2))
-    return [_family(MAIN_PHINS, "phins_main.attitude", known, own, y)]
+    told = np.einsum("nmk,nm->k", own, np.nan_to_num(y)) ** 2
+    axis = "xyz"[int(np.argmax([told[i::3].sum() for i in range(3)]))]  # the channels' own are those of inertial space
+    return [replace(_family(MAIN_PHINS, "phins_main.attitude", known, own, y), axis=axis)]
 
 
 def _swinging_phins(base: Baseline) -> Made:
@@ -115,7 +117,7 @@ def _swinging_clock(base: Baseline, view: LogView, found: Gram, white: FloatArra
     """A clock error of one period: the one that the delay, demodulated in short pieces, swings with most."""
     steady = whitening.whiten_columns(base.whitened, base.response.many([_late(view, np.ones(len(view.t)))]))[:, :, 0]
     values = solve(found.total, found.precision, kept).value
-    left = np.nan_to_num(y - white[:, : y.shape[1], kept] @ values)
+    left = np.nan_to_num(y - combined(white[:, : y.shape[1]], kept, values))
     starts = np.arange(0, len(base.t), max(1, round(PIECE_S / float(np.median(np.diff(base.t))))))
     t = base.t[starts] + 0.5 * PIECE_S
     weight, moment = (np.add.reduceat(np.sum(steady * x, axis=1), starts) for x in (steady, left))

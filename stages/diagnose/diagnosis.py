@@ -29,6 +29,7 @@ from stages.diagnose.judgement import LEFT_NATS, Abstention, halves_agree, judge
 from stages.diagnose.regressors import view_of
 from stages.diagnose.selection import Selection, against_free_flexure, select
 from stages.diagnose.spectra import FullRateResidual, JointFit
+from stages.diagnose.stated import news
 from stages.diagnose.view import believed, without_dead_forces
 from twin import effects
 from twin.compensation import compensate
@@ -90,11 +91,11 @@ def diagnose(
     log = trial.source or "log"
     trial, twin_bare = _without_known(without_dead_forces(trial), twin)
     evidence = _gathered(trial, twin_bare, names, rng, say)
+    found, certain = (news(findings, twin) for findings in (evidence.findings, evidence.checks.findings))
     verdict = judged(
-        sum(f.evidence_nats for f in evidence.findings), evidence.left, halves_agree(evidence.chosen),
-        bool(evidence.findings),
+        sum(f.evidence_nats for f in found), evidence.left, halves_agree(evidence.chosen), bool(found)
     )  # fmt: skip
-    said, named = named_of(verdict, evidence.findings, evidence.checks.findings)
+    said, named = named_of(verdict, found, certain)
     verdict = replace(verdict, verdict=said)
     built = [as_effect(finding) for finding in named]
     say("shrinkage")
@@ -354,7 +355,9 @@ def _written(
 
 
 def _transfer(chosen: Selection, verdict: Verdict, places: Sequence[Place]) -> Transfer | None:
-    """How what has no name follows the ship, where it sits: all of the gap, or what the named effects leave of it."""
+    """How what has no name follows the ship, where it sits: all of the gap, or what the named effects leave of it. The
+    main PHINS is held against the main IMU alone, which is what it would follow."""
+    places = [place for place in places if not place.channel.startswith("phins_main")]
     if not places or verdict not in (Verdict.UNKNOWN_EFFECT, Verdict.PARTLY_EXPLAINED):
         return None
     place = max(places, key=lambda place: place.score)

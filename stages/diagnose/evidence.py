@@ -164,6 +164,13 @@ def _squares(blocks: FloatArray, combination: FloatArray) -> FloatArray:
     return np.asarray((blocks @ combination) @ combination)
 
 
+def combined(columns: FloatArray, places: Sequence[int], values: FloatArray) -> FloatArray:
+    """(N, m) sum of some columns of (N, m, K) times values, without a copy of them."""
+    weights = np.zeros(columns.shape[2])
+    weights[list(places)] = values
+    return np.asarray(columns @ weights)
+
+
 def gain(gram_: Gram, base: Sequence[int], more: Sequence[int]) -> float:
     """Nats in sample by which base and more beat base."""
     G = gram_.total

@@ -9,6 +9,7 @@ import numpy as np
 
 from schemas.diagnosis import Finding, ParameterEstimate, Parameters, Place
 from stages.diagnose import instability, pictures
+from stages.diagnose.evidence import combined
 from stages.diagnose.instability import Wander
 from stages.diagnose.pick import Pick
 from stages.diagnose.regressors import view_of
@@ -103,7 +104,7 @@ def _place(chosen: Selection, pick: Pick, score: float) -> Place:
     axis = pick.group.parameters[worst].rpartition(".")[2][:1]
     axis = axis if axis in "xyz" and len(pick.group.parameters) > 1 else ""
     places = [chosen.gram.index([name])[0] for name in (chosen.gram.names[k] for k in chosen.columns(pick))]
-    band = pictures.band_of(chosen.regressors.columns[:, :, places] @ pick.value, chosen.base.t)
+    band = pictures.band_of(combined(chosen.regressors.columns, places, pick.value), chosen.base.t)
     time = pick.group.shape.get("time")
     return Place(channel, axis, band, None if time is None else (time - 1.0, time + 1.0), float(score))
 

@@ -123,7 +123,10 @@ def wander(base: Baseline, made: Basis, columns: FloatArray, precision: FloatArr
     third = terms // 3
     parts = [slice(axis * third, (axis + 1) * third) for axis in range(3)]
     v = variances(made.frequency, std, tau)
-    by_axis = np.array([_marginal(information[p, p], moment[p], v[p]) for p in parts])
+    by_axis = np.array(
+        [_marginal(information[p, p], moment[p], v[p] + white[p]) - _marginal(information[p, p], moment[p], white[p])
+         for p in parts]
+    )  # fmt: skip
     return Wander(mean_std, mean_std * errors[0], mean_tau, mean_tau * errors[1], float(told[best]) - PRICE, by_axis)
 
 

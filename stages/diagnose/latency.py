@@ -1,4 +1,4 @@
-"""The main PHINS against the main gyros: what only a latency of the PHINS shows.
+"""The main PHINS against the main gyros: what a latency of the PHINS shows, and no other effect.
 
 E(t) = A_m R_n_m^T turns slowly, with the earth and the ship's way; a PHINS that is late by delta turns it by
 A_m w delta. Its increments between step means, whitened by an autoregression, are three more channels.

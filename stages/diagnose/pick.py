@@ -11,7 +11,7 @@ import numpy as np
 from schemas.rig import FloatArray
 from stages.diagnose import whitening
 from stages.diagnose.baseline import Baseline
-from stages.diagnose.evidence import Gram, solve
+from stages.diagnose.evidence import Gram, combined, solve
 from stages.diagnose.regressors import Group, Regressors, view_of
 from twin import effects
 from twin.effects import Effect
@@ -66,7 +66,7 @@ def with_period(base: Baseline, found: Regressors, gram: Gram, kept: Sequence[in
     """A sine with the period that fits best, from the one of its group on."""
     view, cls = view_of(base), effects.get(group.effect)
     own = found.columns[:, : base.whitened.values.shape[1]]
-    frozen = base.whitened.values - own[:, :, kept] @ solve(gram.total, gram.precision, kept).value
+    frozen = base.whitened.values - combined(own, kept, solve(gram.total, gram.precision, kept).value)
 
     def tried(period: float) -> tuple[float, FloatArray, FloatArray]:
         raw = base.response.many(column.signals for column in cls.predict(view, **{"period": period}))

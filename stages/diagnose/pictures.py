@@ -6,10 +6,11 @@ import numpy as np
 
 from schemas.diagnosis import Localisation, Trace
 from schemas.rig import FloatArray
-from stages.diagnose.evidence import solve
+from stages.diagnose.evidence import combined, solve
 from stages.diagnose.selection import Selection
+from stages.diagnose.whitening import CHANNELS
 
-CHANNELS = ("sub.gyro", "sub.accel", "phins_sub.attitude", "phins_main.attitude")
+MAIN_PHINS = "phins_main.attitude"
 MOTION_HZ = (0.03, 0.5)  # where ships move
 BLOCKS = 24  # of the localisation map
 LOWEST_HZ = 0.01
@@ -21,21 +22,26 @@ def residuals(chosen: Selection) -> tuple[FloatArray, FloatArray]:
     impulse = [k for k, name in enumerate(chosen.regressors.nuisances) if name.startswith("impulse")]
     kept = [*chosen.explained, *impulse]
     G = chosen.regressors.gram
-    after = values - columns[:, :, kept] @ solve(G.total, G.precision, kept).value
+    after = values - combined(columns, kept, solve(G.total, G.precision, kept).value)
     base = chosen.nuisances
     restored = values + chosen.taken
-    before = restored - columns[:, :, base] @ solve(chosen.gram.total, chosen.gram.precision, base).value
+    before = restored - combined(columns, base, solve(chosen.gram.total, chosen.gram.precision, base).value)
     return before, after
+
+
+def channels(chosen: Selection) -> tuple[str, ...]:
+    """Of three innovations each: those of the pair, then the main PHINS's own."""
+    return (*CHANNELS[: chosen.base.whitened.values.shape[1] // 3], MAIN_PHINS)
 
 
 def traces(chosen: Selection) -> tuple[Trace, ...]:
     """Every channel and axis in time."""
     before, after = residuals(chosen)
-    taken = chosen.taken
+    taken, names = chosen.taken, channels(chosen)
     out = []
     for k in range(before.shape[1]):
         good = np.isfinite(after[:, k])
-        out.append(Trace(CHANNELS[k // 3], "xyz"[k % 3], chosen.base.t, before[:, k], after[:, k], taken[:, k], good))
+        out.append(Trace(names[k // 3], "xyz"[k % 3], chosen.base.t, before[:, k], after[:, k], taken[:, k], good))
     return tuple(out)
 
 
@@ -62,7 +68,7 @@ def localisation(chosen: Selection) -> Localisation:
             if n:
                 mean = np.maximum(power[inside].mean(axis=0) / 2.0, 1e-6)
                 score[:, j, b] = np.maximum(n * (mean - 1.0 - np.log(mean)) - 1.0, 0.0)
-    names = tuple(f"{CHANNELS[k // 3]} {'xyz'[k % 3]}" for k in range(before.shape[1]))
+    names = tuple(f"{channels(chosen)[k // 3]} {'xyz'[k % 3]}" for k in range(before.shape[1]))
     return Localisation(names, bands, edges, score)
 
 

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import czt
 
 from schemas.rig import FloatArray
 from stages.diagnose import stiffening, whitening
@@ -21,6 +23,8 @@ from stages.diagnose.stiffening import Deck
 from stages.diagnose.view import arw_of, log_view
 from twin import effects
 from twin.effects._prediction import LogView
+
+ComplexArray = NDArray[np.complex128]
 
 PERIODS_TRIED = 4
 PRIOR_REACH = 2.0  # sigma of an effect's parameter over the largest of its declared range
@@ -195,13 +199,20 @@ def _seconds(t: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.add.reduceat(t, starts) / count, np.add.reduceat(y, starts, axis=0)
 
 
+def _spectrum(t: FloatArray, y: FloatArray, frequency: FloatArray) -> ComplexArray:
+    """(f, 3) sum of y (n, 3) exp(-2 pi i f t) at even frequencies and times (n,), of which the last may lie closer."""
+    every = (t[-2] - t[0]) / (len(t) - 2)
+    turned = np.exp(-2j * np.pi * (frequency[1] - frequency[0]) * every)
+    start = np.exp(2j * np.pi * frequency[0] * every)
+    return np.asarray(czt(y, len(frequency), turned, start, axis=0))
+
+
 def error_periods(base: Baseline) -> list[float]:
     """Periods at which the innovations of the PHINS ring most, any phase."""
     t, y = _seconds(base.t, np.nan_to_num(base.residual()[:, 6:9]))
     length = t[-1] - t[0]
     frequency = np.arange(1.0 / (LONGEST_PERIOD * length), 1.0 / SHORTEST_PERIOD_S, 0.25 / length)
-    turned = np.exp(-2j * np.pi * frequency[:, None] * (t - t[0]))
-    power = (np.abs(turned @ y) ** 2).sum(axis=1)
+    power = (np.abs(_spectrum(t, y, frequency)) ** 2).sum(axis=1)
     out: list[float] = []
     for k in np.argsort(power)[::-1]:
         period = float(1.0 / frequency[k])

@@ -18,7 +18,7 @@ from schemas.trial import Trial
 from stages.diagnose import instability, slow, stiffening
 from stages.diagnose.baseline import Baseline, baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
-from stages.diagnose.evidence import Gram, gain, held_out_sum, null_evidence, shifted, solve
+from stages.diagnose.evidence import Gram, combined, gain, held_out_sum, null_evidence, shifted, solve
 from stages.diagnose.instability import Wander
 from stages.diagnose.nuisances import TOLERANCES, second_order
 from stages.diagnose.pick import Pick, at_period, with_period
@@ -92,7 +92,7 @@ class Selection:
         """(N, m) whitened innovations less the events, as fitted beside everything else."""
         G, fitted, events = self.regressors.gram, self.fitted, self._events
         value = dict(zip(fitted, solve(G.total, G.precision, fitted).value))
-        taken = self.regressors.columns[:, :, events] @ np.array([value[k] for k in events])
+        taken = combined(self.regressors.columns, events, np.array([value[k] for k in events]))
         return np.asarray(self.values - taken)
 
     @property
@@ -117,7 +117,7 @@ class Selection:
         """(N, m) whitened: what was taken off the log for the picks."""
         places = [k for pick in self.picks for k in self.columns(pick)]
         values = np.concatenate([pick.taken for pick in self.picks]) if self.picks else np.zeros(0)
-        return np.asarray(self.regressors.columns[:, :, places] @ values)
+        return combined(self.regressors.columns, places, values)
 
 
 def select(
@@ -229,8 +229,10 @@ def _bent(view: LogView, picks: Sequence[Pick]) -> FloatArray:
     """(n, 3) rad of bending that was taken out for the picks."""
     out = np.zeros_like(view.theta)
     for pick in picks:
-        columns = effects.get(pick.group.effect).predict(view, **pick.group.shape)
-        for column, value in zip(columns, pick.taken, strict=True):
+        kind = effects.get(pick.group.effect)
+        if kind.stays:
+            continue
+        for column, value in zip(kind.predict(view, **pick.group.shape), pick.value, strict=True):
             if column.signals.bending is not None:
                 out += value * column.signals.bending
     return out

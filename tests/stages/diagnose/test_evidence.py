@@ -9,6 +9,7 @@ from scipy import stats
 from stages.diagnose.evidence import (
     Gram,
     Table,
+    combined,
     folds,
     gain,
     gram,
@@ -168,3 +169,9 @@ def test_null_evidence_is_the_largest_of_its_draws(stacked: Stacked) -> None:
     assert many.shape == (2,)
     assert (many > few).all()
     assert (many < 14.0).all()  # the floor of the selection
+
+
+def test_a_combination_of_some_columns_is_that_of_the_columns_alone() -> None:
+    rng = np.random.default_rng(7)
+    columns, values = rng.standard_normal((50, 3, 6)), rng.standard_normal(2)
+    np.testing.assert_allclose(combined(columns, [4, 1], values), columns[:, :, [4, 1]] @ values, atol=1e-13)
