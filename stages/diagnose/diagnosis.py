@@ -31,7 +31,7 @@ from stages.diagnose.selection import Selection, against_free_flexure, select
 from stages.diagnose.spectra import FullRateResidual, JointFit
 from stages.diagnose.stated import news
 from stages.diagnose.view import believed, without_dead_forces
-from twin import effects
+from twin import effects, world
 from twin.compensation import compensate
 from twin.config import Twin
 from twin.effects import Effect
@@ -137,12 +137,12 @@ def _unstated(twin: Twin) -> tuple[str, ...]:
 
 
 def _without_known(trial: Trial, twin: Twin) -> tuple[Trial, Twin]:
-    """Effects that the twin knows of taken out of the log, and the twin without them."""
+    """The twin as the effects that it knows of change it, and the log without those that act on samples."""
     if not twin.effect:
         return trial, twin
-    bare = twin.model_copy(update={"effect": ()})
-    known: list[Effect] = [effects.build(spec.name, spec.parameters) for spec in twin.effect]
-    return compensate(trial, known, bare).trial, bare
+    known, changed = world.built(twin)
+    bare = changed.model_copy(update={"effect": ()})
+    return compensate(trial, [effect for effect in known if type(effect).twin is Effect.twin], bare).trial, bare
 
 
 def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.Generator, say: Progress) -> Evidence:

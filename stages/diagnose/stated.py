@@ -1,21 +1,26 @@
-"""Effects that a twin states and that no log can be freed of (noise, losses, another flexure): found again, they are no
-gap."""
+"""Effects that a twin states and that neither its parameters can say nor a log be freed of (losses, a lattice, a second
+mode): found again, they are no gap.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from schemas.diagnosis import Finding, ParameterEstimate
 from twin import effects
 from twin.config import Twin
+from twin.effects import Effect
 
 SIGMAS, SHARE = 3.0, 0.1  # of a parameter's standard deviation, and of itself, by which it may be off what is stated
 
 
 def news(findings: Sequence[Finding], twin: Twin) -> tuple[Finding, ...]:
-    """Those findings that the twin does not state, or states with other parameters."""
-    stated = {spec.name: effects.build(spec.name, spec.parameters).model_dump() for spec in twin.effect}
+    """Those findings that are not of an effect that stays in the log and that the twin states with these parameters."""
+    made = [effects.build(spec.name, spec.parameters) for spec in twin.effect]
+    stated = {effect.name: effect.model_dump() for effect in made if effect.stays and type(effect).twin is Effect.twin}
     return tuple(f for f in findings if f.name not in stated or not _agrees(f, stated[f.name]))
 
 
@@ -26,7 +31,10 @@ def _agrees(finding: Finding, stated: Mapping[str, Any]) -> bool:
 def _alike(estimate: ParameterEstimate, said: float | str) -> bool:
     if isinstance(said, str) or isinstance(estimate.value, str):
         return estimate.value == said
-    return abs(estimate.value - said) <= SIGMAS * (estimate.std or 0.0) + SHARE * abs(said)
+    found = estimate.value
+    # A size that the log hardly tells is still not a small part of itself.
+    apart = abs(found * np.log(found / said)) if found * said > 0.0 else abs(found - said)
+    return bool(apart <= SIGMAS * (estimate.std or 0.0) + SHARE * abs(found))
 
 
 def _pairs(finding: Finding, stated: Mapping[str, Any]) -> Iterator[tuple[ParameterEstimate, Any]]:
