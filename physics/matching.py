@@ -106,9 +106,10 @@ def turned(q: FloatArray, x: float, y: float, z: float) -> tuple[float, float, f
 
 
 @njit(cache=True, nogil=True)
-def _integrate(
+def carry_on(
     t: FloatArray, gyro: FloatArray, accel: FloatArray, before: FloatArray, attitude: FloatArray, velocity: FloatArray
 ) -> None:
+    """Fill attitude (n, 4) and velocity (n, 3) from their first rows on; before: (6,) last increments, brought on."""
     q = attitude[0].copy()
     half = np.empty(4)
     ox, oy, oz, ux, uy, uz = before
@@ -159,13 +160,6 @@ def first_increments(t: FloatArray, gyro: FloatArray, accel: FloatArray) -> Floa
     if len(t) < 2:
         return np.zeros(6)
     return np.asarray(np.concatenate([gyro[1], accel[1]]) * (t[1] - t[0]))
-
-
-def carry_on(
-    t: FloatArray, gyro: FloatArray, accel: FloatArray, before: FloatArray, attitude: FloatArray, velocity: FloatArray
-) -> None:
-    """Fill attitude (n, 4) and velocity (n, 3) from their first rows on; before: (6,) last increments, brought on."""
-    _integrate(t, gyro, accel, before, attitude, velocity)
 
 
 @njit(cache=True, nogil=True)

@@ -68,7 +68,7 @@ def localisation(chosen: Selection) -> Localisation:
             if n:
                 mean = np.maximum(power[inside].mean(axis=0) / 2.0, 1e-6)
                 score[:, j, b] = np.maximum(n * (mean - 1.0 - np.log(mean)) - 1.0, 0.0)
-    names = tuple(f"{channels(chosen)[k // 3]} {'xyz'[k % 3]}" for k in range(before.shape[1]))
+    names = tuple(f"{channel} {axis}" for channel in channels(chosen) for axis in "xyz")[: before.shape[1]]
     return Localisation(names, bands, edges, score)
 
 

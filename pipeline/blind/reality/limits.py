@@ -48,7 +48,7 @@ def drive(nature: Nature) -> Drive:
     t = np.arange(0.0, nature.duration, STEP)
     state = ShipPath.over(nature.voyage, -1.0, nature.duration + 1.0).at(t)
     arm = nature.deck.lever
-    force = state.force + np.cross(state.omega_dot, arm) + np.cross(state.omega, np.cross(state.omega, arm))
+    force = state.force + _at_lever(state.omega, state.omega_dot, arm)
     return Drive(
         t=t, omega=state.omega, omega_dot=state.omega_dot, force=force, jerk=np.gradient(force, STEP, axis=0),
         lateral=state.force[:, 0], roll=state.angles[:, 1], warmth=nature.warmth.at(1, t) - 20.0,
@@ -201,7 +201,7 @@ def _nuisances(nature: Nature, seen: Drive) -> tuple[list[FloatArray | Bending],
     hidden = _mean_bending(nature)
     for axis in range(3):
         e = np.eye(3)[axis]
-        moved = signal(seen, accel=_at_lever(seen, np.cross(e, nature.deck.lever)))
+        moved = signal(seen, accel=_at_lever(seen.omega, seen.omega_dot, np.cross(e, nature.deck.lever)))
         for std, column in (
             (FREE["gyro"], signal(seen, gyro=e)), (FREE["accel"], signal(seen, accel=e)),
             (FREE["static"], bent(np.ones(len(seen.t)), axis)), (FREE["phins"], signal(seen, attitude=e)),
@@ -219,10 +219,9 @@ def _mean_bending(nature: Nature) -> FloatArray:
     return np.asarray(1.0 / np.sqrt(1.0 / mean + 1.0 / FREE["static"] ** 2))
 
 
-def _at_lever(seen: Drive, arm: FloatArray) -> FloatArray:
-    """(n, 3) m/s^2 at the end of a lever arm, beyond those at its foot."""
-    w = seen.omega
-    return np.asarray(np.cross(seen.omega_dot, arm) + np.cross(w, np.cross(w, arm)))
+def _at_lever(omega: FloatArray, omega_dot: FloatArray, arm: FloatArray) -> FloatArray:
+    """(n, 3) m/s^2 at the end of a lever arm (3,), beyond those at its foot."""
+    return np.asarray(np.cross(omega_dot, arm) + np.cross(omega, np.cross(omega, arm)))
 
 
 def signal(
@@ -266,7 +265,7 @@ def unit_signals(name: str, seen: Drive, drawn: dict) -> Sequence[FloatArray | B
     if name == "accel_scale_factor":
         return [signal(seen, accel=np.outer(seen.force[:, i], eye[i]) * PPM) for i in range(3)]
     if name == "lever_arm":
-        return [signal(seen, accel=_at_lever(seen, e)) for e in eye]
+        return [signal(seen, accel=_at_lever(seen.omega, seen.omega_dot, e)) for e in eye]
     if name == "phins_attitude_error":
         wave = np.sin(2.0 * np.pi * seen.t / drawn["period"]) * ARCMIN
         return [signal(seen, attitude=np.outer(wave, e)) for e in eye]
