@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize
 
 from physics.units import ARCMIN, ARCSEC, DEG, DEG_PER_HOUR, MICRO_G, PPM, STANDARD_GRAVITY
 from pipeline.blind.reality.motion import ShipPath
 from pipeline.blind.reality.nature import SKEW, Deck, Nature
+from twin.config import Flexure
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -26,6 +27,7 @@ STEP = 0.1  # s
 HYSTERESIS_STEP, HYSTERESIS_STEPS = 0.01, 200_000  # s
 HIGHEST = 4.0  # Hz
 DETECTABLE = 5.5  # standard deviations: one false alarm of a hundred among thirty effects, found in 95 of 100 logs
+LEFT_OPEN = np.log([1.4, 1.55, 1.2])  # factors either way of mu, b^2 and sigma, none of which a twin knows exactly
 FREE = {"gyro": 0.005 * DEG_PER_HOUR, "accel": 25.0 * MICRO_G, "static": 1.0 * ARCMIN, "phins": 0.5 * ARCMIN}
 
 
@@ -130,6 +132,37 @@ def vibration(nature: Nature, frequency: float, axis: int) -> float:
     """The least amplitude, rad/s, of a sine of the rate at a frequency (Hz)."""
     density = rate_density(nature, np.array([frequency]))[0, axis]
     return DETECTABLE * float(np.sqrt(2.0 * density / nature.duration))
+
+
+def flexure(nature: Nature, believed: Flexure, real: Flexure) -> float:
+    """The multiple of DETECTABLE at which a deck's rates tell its flexure from all that its twin leaves open.
+
+    sqrt(2 KL) / DETECTABLE: KL, nats, is that of Whittle's likelihood against the nearest of those decks, axis by axis.
+    """
+    f = np.geomspace(1.0 / nature.duration, 0.5 * nature.rate, 2000)
+    noise, w = nature.main.arw**2 + nature.sub.arw**2, 2.0 * np.pi * f
+
+    def density(x: FloatArray) -> FloatArray:
+        mu, b2, sigma = np.exp(x)
+        bent = 4.0 * mu * b2 * sigma**2 / ((b2 - w**2) ** 2 + (2.0 * mu * w) ** 2)
+        return np.asarray(w**2 * bent + noise)
+
+    def nats(x: FloatArray, there: FloatArray) -> float:
+        ratio = there / density(x)
+        return nature.duration * float(np.trapezoid(ratio - 1.0 - np.log(ratio), f))
+
+    total = 0.0
+    for here, there in zip(_logarithms(believed), _logarithms(real)):
+        box = np.stack([here - LEFT_OPEN, here + LEFT_OPEN], axis=1)
+        nearest = minimize(nats, np.clip(there, *box.T), args=(density(there),), method="L-BFGS-B", bounds=box)
+        total += float(nearest.fun)
+    return float(np.sqrt(2.0 * total)) / DETECTABLE
+
+
+def _logarithms(deck: Flexure) -> FloatArray:
+    """(3, 3) of mu, b^2, sigma (rad), one axis a row."""
+    mu = np.array(deck.damping)
+    return np.log([mu, mu**2 + np.array(deck.frequency) ** 2, np.array(deck.std_arcmin) * ARCMIN]).T
 
 
 def rate_density(nature: Nature, f: FloatArray) -> FloatArray:

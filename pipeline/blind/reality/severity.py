@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from physics.units import DEG, DEG_PER_SQRT_HOUR
 from pipeline.blind.reality import limits
 from pipeline.blind.reality.nature import Nature
 from pipeline.blind.reality.scenes import GRADES, Scene
-from twin.config import Twin
+from twin.config import Flexure, Twin
 
 FloatArray = NDArray[np.float64]
 
@@ -33,6 +34,7 @@ class Draw:
 
     severity: the multiple. factor: severity times what duration and grade make of it. rates: rad/s rms about x, y, z.
     bound: from what shapes the effect to the smallest detectable values, None where there is no bound.
+    plainness: from other flexure to the multiple of the detectable that it is.
     """
 
     twin: Twin
@@ -41,6 +43,7 @@ class Draw:
     rates: tuple[float, float, float]
     rng: np.random.Generator
     bound: Callable[[Parameters], FloatArray | None]
+    plainness: Callable[[Parameters], float]
 
     def sign(self) -> float:
         """Either."""
@@ -128,19 +131,28 @@ def _thermal(d: Draw) -> Parameters:
 
 
 def _flexure(d: Draw) -> Parameters:
-    """mu, lambda or sigma off on one axis or on all, well outside the 10 % that any deck is off."""
-    share = 0.4 * d.severity**0.6
+    """mu, lambda or sigma off on one axis or on all: the first of them that can be off so plainly.
+
+    A damping seldom can: a deck tells it to 1 / sqrt(mu T), in 10 min a tenth or more.
+    """
     swings = min(d.twin.flexure.frequency) > 0.0
-    kinds = [("damping",), ("std_arcmin",), ("damping", "std_arcmin"), ("frequency",)][
-        d.rng.integers(4 if swings else 3)
-    ]
+    kinds = [("damping",), ("std_arcmin",), ("damping", "std_arcmin"), ("frequency",)][: 4 if swings else 3]
     axes = range(3) if d.rng.uniform() < 1.0 / 3.0 else [int(d.rng.integers(3))]
-    out: Parameters = {}
-    for kind in kinds:
-        believed = getattr(d.twin.flexure, kind)
-        factor = (1.0 + d.about(share)) ** d.sign()
-        out[kind] = [believed[axis] * factor if axis in axes else None for axis in range(3)]
-    return out
+    sign, least = d.sign(), np.log(1.0 + d.about(0.4 * d.severity**0.6))
+    off: Parameters = {}
+    for k in d.rng.permutation(len(kinds)):
+        for size in np.linspace(least, np.log(MOST_OFF), 8):
+            off = _flexure_off(d.twin.flexure, kinds[k], axes, float(np.exp(sign * size)))
+            if d.plainness(off) >= d.severity:
+                return off
+    return off
+
+
+def _flexure_off(believed: Flexure, kinds: Sequence[str], axes: Sequence[int], factor: float) -> Parameters:
+    return {
+        kind: [value * factor if axis in axes else None for axis, value in enumerate(getattr(believed, kind))]
+        for kind in kinds
+    }
 
 
 def _second_mode(d: Draw) -> Parameters:
@@ -260,6 +272,7 @@ SEVERITIES: dict[str, Severity] = {
 FOREIGN = ("bouc_wen", "rate_nonlinearity", "fractional_flexure", "sinusoidal_clock")
 LISTED = tuple(name for name in SEVERITIES if name not in FOREIGN)
 REFERENCE = 1800.0  # s
+MOST_OFF = 4.0  # factor of a flexure's parameter, beyond which she would be another ship
 MOST_HYSTERETIC = 0.9  # of the stiffness: with more the deck would not come back
 
 
@@ -289,10 +302,21 @@ def plain(values: Any) -> Any:
 
 
 def reached(name: str, severity: float, drawn: Parameters, scene: Scene) -> float:
-    """The severity asked for, or the lesser one of a hysteresis that no share of the stiffness makes plainer."""
-    if name != "bouc_wen":
-        return severity
-    return min(severity, drawn["hysteretic_share"] / float(limits.hysteresis(scene.nature, drawn["yield_sigmas"])[0]))
+    """The severity asked for, or the lesser one of what cannot be plainer: a hysteresis, a flexure."""
+    if name == "bouc_wen":
+        least = float(limits.hysteresis(scene.nature, drawn["yield_sigmas"])[0])
+        return min(severity, drawn["hysteretic_share"] / least)
+    return min(severity, _plainness(scene, drawn)) if name == "flexure_parameters" else severity
+
+
+def _plainness(scene: Scene, off: Parameters) -> float:
+    """Of flexure with other parameters than the twin's."""
+    believed = scene.twin.flexure
+    stated = {
+        key: tuple(old if new is None else new for new, old in zip(values, getattr(believed, key)))
+        for key, values in off.items()
+    }
+    return limits.flexure(scene.nature, believed, believed.model_copy(update=stated))
 
 
 def parameters(name: str, severity: float, scene: Scene, rng: np.random.Generator) -> Parameters:
@@ -307,4 +331,5 @@ def parameters(name: str, severity: float, scene: Scene, rng: np.random.Generato
         columns = limits.unit_signals(name, seen, shape)
         return None if columns is None else limits.limit(scene.nature, columns, seen)
 
-    return plain(how.parameters(Draw(twin, severity, factor, scene.rates, rng, bound)))
+    draw = Draw(twin, severity, factor, scene.rates, rng, bound, partial(_plainness, scene))
+    return plain(how.parameters(draw))

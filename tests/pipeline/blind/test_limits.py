@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from physics.units import ARCMIN
 from pipeline.blind.reality import limits
 from pipeline.blind.reality.drawing import draw
 from pipeline.blind.reality.flexure import STEP, Restoring, grid, random_path, settled
 from pipeline.blind.reality.scenes import draw_scene
+from pipeline.blind.reality.severity import MOST_OFF, parameters, reached
+from twin.config import Flexure
 
 
 @pytest.fixture(scope="module")
@@ -139,3 +142,70 @@ def test_a_lever_arm_is_known_no_better_than_the_mean_bending_that_moves_it(natu
     bound = limits.limit(nature, limits.unit_signals("lever_arm", seen, {}), seen)
     assert (bound > 0.999 * least).all()
     assert bound[2] < 2.0 * least[2]
+
+
+def _off(nature, **factors):
+    """What a twin believes of this deck, and the same with parameters off by factors about y."""
+    deck = nature.deck
+    believed = Flexure(
+        damping=tuple(deck.damping), frequency=tuple(deck.frequency), std_arcmin=tuple(deck.std / ARCMIN)
+    )
+    there = {
+        key: tuple(v * factor if axis == 1 else v for axis, v in enumerate(getattr(believed, key)))
+        for key, factor in factors.items()
+    }
+    return believed, believed.model_copy(update=there)
+
+
+def test_flexure_that_a_twin_leaves_open_is_never_told(nature):
+    assert limits.flexure(nature, *_off(nature, damping=1.3, std_arcmin=1.15)) < 0.01
+
+
+def test_longer_logs_tell_other_flexure_by_the_root_of_their_duration(nature):
+    decks = _off(nature, std_arcmin=3.0)
+    four = limits.flexure(replace(nature, duration=4.0 * nature.duration), *decks)
+    assert four == pytest.approx(2.0 * limits.flexure(nature, *decks), rel=0.02)
+
+
+def test_other_flexure_is_told_by_the_likelihood_ratio_of_periodograms(nature):
+    """Drawn as exponential variates: the mean of ln L(there) - ln L(nearest), both searched for without the library."""
+    believed, there = _off(nature, damping=4.0)
+    told = limits.flexure(nature, believed, there)
+    f = np.arange(1, int(0.5 * nature.rate * nature.duration)) / nature.duration
+    noise = nature.main.arw**2 + nature.sub.arw**2
+
+    def density(mu, b2, sigma):
+        w = 2.0 * np.pi * f
+        return w**2 * 4.0 * mu * b2 * sigma**2 / ((b2 - w**2) ** 2 + (2.0 * mu * w) ** 2) + noise
+
+    mu, b2 = believed.damping[1], believed.damping[1] ** 2 + believed.frequency[1] ** 2
+    sigma = believed.std_arcmin[1] * ARCMIN
+    real = density(4.0 * mu, there.damping[1] ** 2 + there.frequency[1] ** 2, sigma)
+    power = real * np.random.default_rng(0).standard_exponential((40, len(f)))
+    ratios = [
+        (power / other - power / real + np.log(other / real)).sum(axis=1).mean()
+        for a in np.linspace(1.0 / 1.4, 1.4, 5)
+        for b in np.linspace(1.0 / 1.55, 1.55, 9)
+        for c in np.linspace(1.0 / 1.2, 1.2, 9)
+        for other in [density(a * mu, b * b2, c * sigma)]
+    ]
+    assert told == pytest.approx(np.sqrt(2.0 * min(ratios)) / limits.DETECTABLE, rel=0.1)
+
+
+@pytest.mark.parametrize("severity", [3.0, 10.0])
+def test_other_flexure_is_drawn_as_plain_as_asked_or_told_as_less(severity):
+    for seed in range(6):
+        scene = draw_scene(np.random.default_rng(seed), 600.0, 100.0, None, None)
+        drawn = parameters("flexure_parameters", severity, scene, np.random.default_rng(seed))
+        believed = scene.twin.flexure
+        there = {
+            key: tuple(old if new is None else new for new, old in zip(values, getattr(believed, key)))
+            for key, values in drawn.items()
+        }
+        plain = limits.flexure(scene.nature, believed, believed.model_copy(update=there))
+        assert reached("flexure_parameters", severity, drawn, scene) == min(severity, plain)
+        assert plain >= severity or max(abs(np.log(_factors(believed, there)))) == pytest.approx(np.log(MOST_OFF))
+
+
+def _factors(believed, there):
+    return np.concatenate([np.array(values) / getattr(believed, key) for key, values in there.items()])
