@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -82,44 +80,6 @@ def load(file: File, block: Block, space: Space, start: int, room: int) -> int:
 def _put(data: bytes | memoryview, space: Space, start: int, room: int) -> int:
     space.at(start, len(data) + room)[: len(data)] = np.frombuffer(data, np.uint8)
     return len(data)
-
-
-class Ahead:
-    """Loads the next block in a thread of its own while the last one is used: decompression leaves Python's lock free.
-
-    blocks: all that will be asked for, in order.
-    """
-
-    def __init__(self, file: File, blocks: Iterable[Block], room: int) -> None:
-        self._file, self._room = file, room
-        self._blocks = iter(blocks)
-        self._pool = ThreadPoolExecutor(1)
-        self._next: deque[Future[int]] = deque()
-        self._spare = Space()
-
-    def __enter__(self) -> Ahead:
-        self._begin()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._pool.shutdown(cancel_futures=True)
-
-    def _begin(self) -> None:
-        block = next(self._blocks, None)
-        if block is not None:
-            self._next.append(self._pool.submit(load, self._file, block, self._spare, 0, self._room))
-
-    def take(self, space: Space, start: int) -> int:
-        """As :func:`load` of the next block; what was in the buffer before start is kept."""
-        try:
-            size = self._next.popleft().result()
-            if start == 0:
-                space[:], self._spare = self._spare, Space(space)
-            else:
-                space.at(start, size + self._room)[:size] = self._spare[0][:size]
-        finally:
-            self._begin()
-        return size
 
 
 def find(file: File, block: Block, buffer: Bytes, start: int, size: int) -> Contents:

@@ -53,9 +53,9 @@ class GrowingColumn:
         """Where the first row is in memory, until more room is reserved."""
         return int(self._room.values.ctypes.data)
 
-    def ready(self, rows: int) -> None:
-        """The first rows are about to be written."""
-        self._room.ready(rows)
+    def ready(self, rows: int) -> int:
+        """The first rows are about to be written; how many may be."""
+        return self._room.ready(rows)
 
     def finished(self, count: int) -> NDArray[Any]:
         """(count, ...) values; a read-only broadcast where all rows are alike."""

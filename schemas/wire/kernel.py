@@ -1,7 +1,7 @@
 """Messages of known layout out of a chunk and into columns, compiled: each byte is looked at once.
 
 Columns are reached by their addresses, since there are as many kinds of them as messages have fields. Whoever calls
-:func:`move` vouches for the room behind each address; everything read is bounded here.
+:func:`take` vouches for the room behind each address; everything read is bounded here.
 """
 
 from __future__ import annotations
@@ -17,143 +17,176 @@ from numba.extending import intrinsic
 FRAME, BODY = 9, 22  # bytes of a record's frame and of a message before its payload
 CHANNEL, LOG_TIME, PUBLISH_TIME = 9, 15, 23  # where they stand in a message record
 RAW, STAMP, TRUTH = 0, 1, 2  # kinds of move
-_MESSAGE = 5
+LATEST = 2**63 - 1
+_MESSAGE, _HALF = 5, 4
+_TOGETHER = 32  # messages of a lane that are moved at a time
+_LINE = 64  # bytes that the processor fetches at a time
+SIZE, WORDS, RECORD, MASK, WHOLE, OTHER, ROOM = range(7)
+"""What is known of a lane: bytes of a record (0: any), what these must be like, where its moves begin, its room."""
 
 
 @intrinsic
-def word_at(typing: Any, address: Any) -> Any:
-    """The little-endian 64-bit word at an address, aligned or not."""
+def word_at(typing: Any, address: Any, offset: Any) -> Any:
+    """The little-endian 64-bit word at an address and so many bytes on, aligned or not."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = builder.inttoptr(args[0], ir.IntType(64).as_pointer())
-        return builder.load(pointer, align=1)
+        byte = builder.gep(builder.inttoptr(args[0], ir.IntType(8).as_pointer()), [args[1]])
+        return builder.load(builder.bitcast(byte, ir.IntType(64).as_pointer()), align=1)
 
-    return types.uint64(types.intp), code
+    return types.uint64(types.intp, types.intp), code
+
+
+def _put(bits: int) -> Any:
+    """What writes a whole number of so many bits to an address."""
+
+    @intrinsic
+    def put(typing: Any, address: Any, value: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            builder.store(args[1], builder.inttoptr(args[0], ir.IntType(bits).as_pointer()), align=1)
+            return context.get_dummy_value()
+
+        return types.void(types.intp, types.Integer.from_bitwidth(bits, signed=False)), code
+
+    return put
+
+
+put_word, put_half, put_byte = _put(64), _put(32), _put(8)
 
 
 @intrinsic
-def put_word(typing: Any, address: Any, value: Any) -> Any:
-    """Write a 64-bit word to an address."""
+def expect_line(typing: Any, address: Any) -> Any:
+    """Have the processor fetch the line of memory at an address, which is to be written soon."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = builder.inttoptr(args[0], ir.IntType(64).as_pointer())
-        builder.store(args[1], pointer, align=1)
+        pointer, flag = ir.IntType(8).as_pointer(), ir.IntType(32)
+        prefetch = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag]), "llvm.prefetch.p0i8"
+        )
+        builder.call(prefetch, [builder.inttoptr(args[0], pointer), flag(1), flag(3), flag(1)])
         return context.get_dummy_value()
 
-    return types.void(types.intp, types.uint64), code
-
-
-@intrinsic
-def put_byte(typing: Any, address: Any, value: Any) -> Any:
-    """Write one byte to an address."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        builder.store(args[1], builder.inttoptr(args[0], ir.IntType(8).as_pointer()))
-        return context.get_dummy_value()
-
-    return types.void(types.intp, types.uint8), code
-
-
-@intrinsic
-def differ(typing: Any, one: Any, other: Any, count: Any) -> Any:
-    """Zero where count bytes at one address are those at another."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer, size = ir.IntType(8).as_pointer(), ir.IntType(64)
-        kind = ir.FunctionType(ir.IntType(32), [pointer, pointer, size])
-        compare = cgutils.get_or_insert_function(builder.module, kind, "memcmp")
-        return builder.call(compare, [builder.inttoptr(args[0], pointer), builder.inttoptr(args[1], pointer), args[2]])
-
-    return types.int32(types.intp, types.intp, types.intp), code
+    return types.void(types.intp), code
 
 
 @njit(cache=True, nogil=True)
-def _fits(at, first, stop, fixed):  # type: ignore[no-untyped-def]
-    """Whether the record at an address has the bytes that fixed[first:stop] name, and times of 63 bits."""
-    if (word_at(at + LOG_TIME) | word_at(at + PUBLISH_TIME)) >> np.uint64(63):
-        return False
-    for k in range(first, stop):  # noqa: SIM110
-        if differ(at + fixed[k, 0], fixed[k, 1], fixed[k, 2]):
-            return False
-    return True
-
-
-@njit(cache=True, nogil=True)
-def scan(buffer, base, start, stop, plan_of, size, first, fixed, misfit, count, place, plan, others):  # type: ignore[no-untyped-def]
-    """Find the records in buffer[start:stop]; base: address of buffer, which goes on for 8 bytes after stop.
-
-    size: bytes of a record of each plan (0: any); first: where each begins in fixed (f, 3): byte in the record,
-    address of what must be there, how many bytes. count: messages of each plan, added up.
-    place, plan: start and plan (-1: none) of each message; others: starts of other records; misfit: set for plans
-    that a message does not fit. Returns how many of both; (-1, 0) where anything is not as it should be.
+def _fits(at, words, record, mask):  # type: ignore[no-untyped-def]
+    """Whether the message at an address has the bits of a record where the mask (words, both addresses) says so, and
+    times of 63 bits.
     """
-    n = m = 0
+    off = (word_at(at, LOG_TIME) | word_at(at, PUBLISH_TIME)) >> np.uint64(63)
+    for k in range(words):
+        off |= (word_at(at, 8 * k) ^ word_at(record, 8 * k)) & word_at(mask, 8 * k)
+    return off == 0
+
+
+@njit(cache=True, nogil=True)
+def take(base, start, stop, lane_of, lanes, whole, other, row, now, misfit, span, others):  # type: ignore[no-untyped-def]
+    """Put the fields of every message that fits its lane into the columns, behind the first row[lane] rows.
+
+    The records are at the addresses base + start..base + stop, with 8 bytes to spare behind them. lane_of: by channel,
+    -1 for none. lanes: a row each of SIZE..; whole (m, 3): source in the record, address of the column, bytes of its
+    rows, of every word to be moved as it is; other (m, 4): these and the kind of every other field. Both in order of
+    the lanes, from WHOLE and OTHER of one to those of the next. Filled: now, rows there are then; misfit, lanes that a
+    message does not fit, whose new rows are void; span, first and last log time; others, starts of the records that
+    are not messages.
+
+    Returns how many messages did not fit their lane or have none, how many other records there are, the lane that has
+    no room left, which stops everything, and whether as many messages again might fill one. Where anything is not as it
+    should be, (-1, 0, that lane or -1, False), and all new rows are void.
+    """
+    now[:], misfit[:], span[0], span[1] = row, False, LATEST, -1
+    left = found = 0
+    waiting, held = np.empty((len(row), _TOGETHER), np.int64), np.zeros_like(row)
     while start < stop:
         if stop - start < FRAME:
-            return -1, 0
-        opcode = buffer[start]
-        length = np.int64(word_at(base + start + 1))
+            return -1, 0, -1, False
+        at = base + start
+        opcode, length = word_at(at, 0) & np.uint64(0xFF), np.int64(word_at(at, 1))
         if opcode == 0 or length < 0 or length > stop - start - FRAME:
-            return -1, 0
-        if opcode == _MESSAGE:
-            if length < BODY:
-                return -1, 0
-            one = plan_of[np.int64(buffer[start + CHANNEL]) | np.int64(buffer[start + CHANNEL + 1]) << 8]
-            if one >= 0:
-                same = size[one] in (0, FRAME + length)
-                misfit[one] |= not (same and _fits(base + start, first[one], first[one + 1], fixed))
-                count[one] += 1
-            place[n], plan[n] = start, one
-            n += 1
+            return -1, 0, -1, False
+        if opcode != _MESSAGE:
+            if found == len(others):
+                return -1, 0, -1, False
+            others[found] = start
+            found += 1
+        elif length < BODY:
+            return -1, 0, -1, False
         else:
-            if m == len(others):
-                return -1, 0
-            others[m] = start
-            m += 1
+            one = lane_of[word_at(at, CHANNEL) & np.uint64(0xFFFF)]
+            if one < 0 or misfit[one]:
+                left += 1
+            else:
+                lane = lanes[one]
+                if now[one] == lane[ROOM]:
+                    return -1, 0, one, False
+                if lane[SIZE] in (0, FRAME + length) and _fits(at, lane[WORDS], lane[RECORD], lane[MASK]):
+                    time = np.int64(word_at(at, LOG_TIME))
+                    span[0], span[1] = min(span[0], time), max(span[1], time)
+                    waiting[one, held[one]] = at
+                    now[one] += 1
+                    held[one] += 1
+                    if held[one] == _TOGETHER:
+                        _move(waiting[one], _TOGETHER, now[one], whole, other, lane, lanes[one + 1])
+                        held[one] = 0
+                else:
+                    misfit[one] = True
+                    left += 1
         start += FRAME + length
-    return n, m
+    near = False
+    for one in range(len(row)):
+        if not misfit[one]:
+            _move(waiting[one], held[one], now[one], whole, other, lanes[one], lanes[one + 1])
+            near |= 2 * now[one] - row[one] > lanes[one, ROOM]
+    return left, found, -1, near
 
 
 @njit(cache=True, nogil=True)
-def move(base, place, plan, misfit, row, span, first, kind, source, width, address, rest):  # type: ignore[no-untyped-def]
-    """Put the fields of every message whose plan fits into the columns, from row[plan] on; row is advanced.
-
-    first: where the moves of each plan begin. span: first and last log time, widened. rest: starts of the messages that
-    were not taken; returns how many these are.
-    """
-    left = 0
-    for k in range(len(place)):
-        one = plan[k]
-        if one < 0 or misfit[one]:
-            rest[left] = place[k]
-            left += 1
-            continue
-        at = base + place[k]
-        time = np.int64(word_at(at + LOG_TIME))
-        span[0], span[1] = min(span[0], time), max(span[1], time)
-        for j in range(first[one], first[one + 1]):
-            _move_one(kind[j], at + source[j], address[j] + row[one] * width[j], width[j])
-        row[one] += 1
-    return left
+def _move(places, count, stop, whole, other, lane, after):  # type: ignore[no-untyped-def]
+    """Move so many messages, whose addresses are given, into the rows before stop, one column after the other."""
+    for j in range(lane[WHOLE], after[WHOLE]):
+        source, stride = whole[j, 0], whole[j, 2]
+        target = whole[j, 1] + (stop - count) * stride
+        for k in range(count):
+            put_word(target + k * stride, word_at(places[k], source))
+        _expect(target + count * stride, count * stride)
+    for j in range(lane[OTHER], after[OTHER]):
+        source, stride = other[j, 0], other[j, 2]
+        target = other[j, 1] + (stop - count) * stride
+        for k in range(count):
+            _move_one(places[k] + source, target + k * stride, stride, other[j, 3])
+        _expect(target + count * stride, count * stride)
 
 
 @njit(cache=True, nogil=True)
-def _move_one(kind, source, target, width):  # type: ignore[no-untyped-def]
+def _expect(address, count):  # type: ignore[no-untyped-def]
+    for k in range(0, count, _LINE):
+        expect_line(address + k)
+
+
+@njit(cache=True, nogil=True)
+def _move_one(source, target, width, kind):  # type: ignore[no-untyped-def]
     if kind == STAMP:
-        word = word_at(source)
+        word = word_at(source, 0)
         seconds = np.int64(np.int32(np.uint32(word & np.uint64(0xFFFFFFFF))))
         put_word(target, np.uint64(seconds * 1_000_000_000 + np.int64(word >> np.uint64(32))))
-    elif kind == TRUTH:
-        for k in range(width):
-            put_byte(target + k, np.uint8(_byte(source + k) != 0))
+    elif kind == RAW and width == _HALF:
+        put_half(target, np.uint32(word_at(source, 0) & np.uint64(0xFFFFFFFF)))
     else:
-        whole = width & ~7
-        for k in range(0, whole, 8):
-            put_word(target + k, word_at(source + k))
-        for k in range(whole, width):
-            put_byte(target + k, _byte(source + k))
+        for k in range(width):
+            byte = np.uint8(word_at(source, k) & np.uint64(0xFF))
+            put_byte(target + k, np.uint8(byte != 0) if kind == TRUTH else byte)
 
 
 @njit(cache=True, nogil=True)
-def _byte(address):  # type: ignore[no-untyped-def]
-    return np.uint8(word_at(address) & np.uint64(0xFF))
+def left_over(base, start, stop, lane_of, misfit, rest):  # type: ignore[no-untyped-def]
+    """The starts of the messages that :func:`take` left, or whose rows are void; returns how many these are."""
+    left = 0
+    while start < stop:
+        at = base + start
+        if word_at(at, 0) & np.uint64(0xFF) == _MESSAGE:
+            one = lane_of[word_at(at, CHANNEL) & np.uint64(0xFFFF)]
+            if one < 0 or misfit[one]:
+                rest[left] = start
+                left += 1
+        start += FRAME + np.int64(word_at(at, 1))
+    return left

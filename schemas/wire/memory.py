@@ -79,9 +79,12 @@ class Room:
         """Whether anything is to be done about pages: files give theirs back."""
         return self._supply.helps or isinstance(self._pages, scratch.Pages)
 
-    def ready(self, rows: int) -> None:
-        """The first rows are about to be written."""
-        while self._pages is not None and self._ready < rows * self._row and self._comes:
+    def ready(self, rows: int) -> int:
+        """The first rows are about to be written; how many may be before it is asked again."""
+        if self._pages is None or not self._comes:
+            return len(self.values)
+        while self._ready < rows * self._row:
             step = min(_STEP, self._size - self._ready)
             self._supply.provide(self._pages, self._start + self._ready, step)
             self._ready += step
+        return self._ready // self._row

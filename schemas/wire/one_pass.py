@@ -11,7 +11,7 @@ from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from schemas.wire.blocks import Ahead, Contents, Heads, Space, find
+from schemas.wire.blocks import Contents, Heads, Space, find, load
 from schemas.wire.builder import Messages
 from schemas.wire.cdr import ROOM
 from schemas.wire.container import Block, File, Outline, Summary, file_crc
@@ -64,25 +64,23 @@ class Pass:
     def run(self, progress: Progress | None) -> None:
         """Go through the whole file."""
         self.expect(announced(self.found, {}))
-        wanted = (block for block in self.found.blocks if not self._unwanted(block))
-        with Ahead(self.file, wanted, ROOM) as ahead:
-            for entry in self.found.entries:
-                if isinstance(entry, Block):
-                    self._take_block(entry, ahead)
-                    if progress is not None:
-                        progress(entry.stop, self.found.size)
-                else:
-                    self._declare(entry)
+        for entry in self.found.entries:
+            if isinstance(entry, Block):
+                self._take_block(entry)
+                if progress is not None:
+                    progress(entry.stop, self.found.size)
+            else:
+                self._declare(entry)
         self._flush()
         self._conclude()
         if progress is not None:
             progress(self.found.size, self.found.size)
 
-    def _take_block(self, block: Block, ahead: Ahead) -> None:
+    def _take_block(self, block: Block) -> None:
         if self._unwanted(block):
             return
         try:
-            size = ahead.take(self._space, self._filled)
+            size = load(self.file, block, self._space, self._filled, ROOM)
             contents = self._by_shortcut(block, size)
             if contents is None:
                 contents = find(self.file, block, self._space[0], self._filled, size)
@@ -111,16 +109,14 @@ class Pass:
         if self.shortcut is None or block.partial:
             return None
         buffer = self._space[0]
-        found = self.shortcut.scan(buffer, self._filled, size)
-        if found is None or not all(self._is_known(buffer, start) for start in found.others.tolist()):
+        left = self.shortcut.take(buffer, self._filled, size)
+        if left is None or not all(self._is_known(buffer, start) for start in left.others.tolist()):
             return None
-        taken = self.shortcut.take(buffer, found)
-        for channel, count in taken.counts.items():
-            self.counts[channel] = self.counts.get(channel, 0) + count
-        if taken.counts:
-            self._extend_span(*taken.span)
-        heads = message_heads(buffer, taken.rest) if len(taken.rest) else NOTHING
-        return Contents(size, taken.rest, heads, [])
+        span = self.shortcut.keep(self.counts)
+        if span is not None:
+            self._extend_span(*span)
+        heads = message_heads(buffer, left.rest) if len(left.rest) else NOTHING
+        return Contents(size, left.rest, heads, [])
 
     def _is_known(self, buffer: NDArray[np.uint8], start: int) -> bool:
         """Whether the record at start, not a message, says nothing new."""

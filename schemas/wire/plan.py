@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,17 @@ class Plan:
     record: NDArray[np.uint8]
     fixed: tuple[range, ...]
     moves: tuple[Move, ...]
+
+    @cached_property
+    def likeness(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+        """The record in words of 8 bytes, and a mask with ones where a message must have its bits."""
+        words = -(-len(self.record) // 8)
+        both = np.zeros((2, 8 * words), np.uint8)
+        both[0, : len(self.record)] = self.record
+        for one in self.fixed:
+            both[1, one.start : one.stop] = 0xFF
+        record, mask = both.view(np.uint64)
+        return record, mask
 
 
 def passing_over() -> Plan:

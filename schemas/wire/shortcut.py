@@ -13,15 +13,17 @@ from numpy.typing import NDArray
 
 from schemas.wire import kernel
 from schemas.wire.builder import TableBuilder
-from schemas.wire.plan import Move, Plan
+from schemas.wire.plan import RAW, Move, Plan
 from schemas.wire.records import FRAME_SIZE, MESSAGE_BODY
 
 Ints = NDArray[np.int64]
 Ask = Callable[[mcap.Channel, NDArray[np.uint8]], tuple[Plan | None, TableBuilder | None]]
 _IDS = 1 << 16
 _MOST_OTHERS = 256  # records of a chunk that are not messages
-_AHEAD = 1 << 13  # rows that are made ready at a time
+_AHEAD = 1 << 14  # rows that are made ready at a time
 _NONE = -1
+_WORD = 8
+_NOWHERE = np.zeros(0, np.int64)
 
 
 @dataclass
@@ -33,33 +35,22 @@ class Lane:
     builder: TableBuilder | None
     ready: int = 0
 
-    def prepare(self, count: int) -> bool:
-        """Make room for count more rows; whether the columns have moved."""
-        if self.builder is None or self.builder.count + count <= self.ready:
+    def prepare(self, more: int, *, grow: bool = False) -> bool:
+        """Make so many more rows ready, as far as there is room or that may grow; whether the columns have moved."""
+        if self.builder is None:
+            self.ready = kernel.LATEST
             return False
-        moved = self.builder.reserve(self.builder.count + count)
-        self.ready = min(self.builder.count + count + _AHEAD, self.builder.capacity)
-        for one in self.plan.moves:
-            one.column.ready(self.ready)
+        moved = grow and self.ready == self.builder.capacity and self.builder.reserve(self.builder.count + more)
+        rows = min(self.builder.count + more + _AHEAD, self.builder.capacity)
+        self.ready = min([one.column.ready(rows) for one in self.plan.moves], default=self.builder.capacity)
         return moved
 
 
 @dataclass(frozen=True)
-class Taken:
-    """What the short way did with a chunk: messages taken by channel, their first and last time, what it left."""
+class Left:
+    """What the short way left of a chunk: where messages that did not fit, and records that are none, begin."""
 
-    counts: dict[int, int]
-    span: tuple[int, int]
     rest: Ints
-
-
-@dataclass(frozen=True)
-class Found:
-    """Where the n messages of a chunk begin, which lane each is for, how many each lane has; where others begin."""
-
-    place: Ints
-    lane: NDArray[np.int32]
-    counts: Ints
     others: Ints
 
 
@@ -73,7 +64,15 @@ class Shortcut:
     ask: Ask
     lanes: list[Lane] = field(default_factory=list)
     _lane_of: NDArray[np.int32] = field(default_factory=lambda: np.full(_IDS, _NONE, np.int32))
+    _others: Ints = field(default_factory=lambda: np.empty(_MOST_OTHERS, np.int64))
+    _lanes: Ints = field(init=False)
+    _row: Ints = field(init=False)
+    _now: Ints = field(init=False)
+    _span: Ints = field(default_factory=lambda: np.empty(2, np.int64))
+    _buffer: NDArray[np.uint8] | None = None
+    _base: int = 0
     _stale: bool = True
+    _near: bool = False
 
     def open(self, channel: int, plan: Plan | None, builder: TableBuilder | None) -> None:
         """Let a channel go the short way from now on; without a plan, neither it nor what shares its builder."""
@@ -88,58 +87,90 @@ class Shortcut:
         """Let channels go the long way until they are opened again."""
         self._lane_of[list(channels)] = _NONE
 
-    def scan(self, buffer: NDArray[np.uint8], start: int, size: int) -> Found | None:
-        """Find the records in buffer[start:start + size]; None when they are not as they should be."""
+    def take(self, buffer: NDArray[np.uint8], start: int, size: int) -> Left | None:
+        """Move the messages in buffer[start:start + size] into the columns of their lanes, but for lanes that one of
+        them does not fit; None when the records are not as they should be.
+        """
         if self._stale:
             self._tabulate()
-        room = size // (FRAME_SIZE + MESSAGE_BODY) + 1
-        place, lane, others = np.empty(room, np.int64), np.empty(room, np.int32), np.empty(_MOST_OTHERS, np.int64)
-        self._misfit[:] = False
-        counts = np.zeros(len(self.lanes), np.int64)
-        n, m = kernel.scan(
-            buffer, buffer.ctypes.data, start, start + size, self._lane_of, self._size, self._fixed_from,
-            self._fixed, self._misfit, counts, place, lane, others,
-        )  # fmt: skip
-        return None if n < 0 else Found(place[:n], lane[:n], counts, others[:m])
+        if buffer is not self._buffer:
+            self._buffer, self._base = buffer, buffer.ctypes.data
+        stop, full = start + size, 0
+        while full >= 0:
+            left, found, full, near = kernel.take(
+                self._base, start, stop, self._lane_of, self._lanes, self._whole, self._other, self._row, self._now,
+                self._misfit, self._span, self._others,
+            )  # fmt: skip
+            if full >= 0:
+                self._make_room(full)
+        self._near = near
+        if left < 0:
+            return None
+        rest = _NOWHERE
+        if left:
+            self._now[self._misfit] = self._row[self._misfit]
+            rest = np.empty(size // (FRAME_SIZE + MESSAGE_BODY), np.int64)
+            rest = rest[: kernel.left_over(self._base, start, stop, self._lane_of, self._misfit, rest)]
+        return Left(rest, self._others[:found])
 
-    def take(self, buffer: NDArray[np.uint8], found: Found) -> Taken:
-        """Move the messages found into the columns of their lanes, except of lanes that one of them does not fit."""
-        counts = np.where(self._misfit, 0, found.counts)
-        moved = [lane.prepare(int(count)) for lane, count in zip(self.lanes, counts, strict=True) if count]
-        if any(moved):
+    def keep(self, counts: dict[int, int]) -> tuple[int, int] | None:
+        """Keep the rows just taken and count their messages by channel; their first and last time, if any."""
+        some = False
+        for lane, row, before in zip(self.lanes, self._now.tolist(), self._row.tolist(), strict=True):
+            if row > before:
+                some = True
+                counts[lane.channel] = counts.get(lane.channel, 0) + row - before
+                if lane.builder is not None:
+                    lane.builder.count = row
+        self._row, self._now = self._now, self._row
+        if self._near:
+            for lane, more in zip(self.lanes, (self._row - self._now).tolist(), strict=True):
+                lane.prepare(2 * more)
+            self._lanes[:-1, kernel.ROOM] = [lane.ready for lane in self.lanes]
+        first, last = self._span.tolist()
+        return (first, last) if some else None
+
+    def _make_room(self, full: int) -> None:
+        """More room for a lane that has none left."""
+        moved = self.lanes[full].prepare(2 * int(self._now[full] - self._row[full]) + 1, grow=True)
+        self._lanes[full, kernel.ROOM] = self.lanes[full].ready
+        if moved:
             self._locate()
-        rows = np.array([lane.builder.count if lane.builder else 0 for lane in self.lanes], np.int64)
-        rest, span = np.empty(len(found.place), np.int64), np.array([2**63 - 1, -1])
-        left = kernel.move(
-            buffer.ctypes.data, found.place, found.lane, self._misfit, rows, span, self._moves_from,
-            self._kind, self._source, self._width, self._address, rest,
-        )  # fmt: skip
-        for lane, count in zip(self.lanes, counts.tolist(), strict=True):
-            if lane.builder is not None:
-                lane.builder.count += count
-        by_channel = {lane.channel: count for lane, count in zip(self.lanes, counts.tolist(), strict=True) if count}
-        return Taken(by_channel, (int(span[0]), int(span[1])), rest[:left])
 
     def _tabulate(self) -> None:
-        plans, moves = [lane.plan for lane in self.lanes], self._moves()
-        self._size = np.array([plan.size for plan in plans], np.int64)
-        self._fixed_from = _starts([len(plan.fixed) for plan in plans])
-        fixed = [(one.start, plan.record.ctypes.data + one.start, len(one)) for plan in plans for one in plan.fixed]
-        self._fixed = np.array(fixed, np.int64).reshape(-1, 3)
-        self._misfit = np.zeros(len(plans), np.bool_)
-        self._moves_from = _starts([len(plan.moves) for plan in plans])
-        self._kind = np.array([move.kind for move in moves], np.int64)
-        self._source = np.array([move.source for move in moves], np.int64)
-        self._width = np.array([move.width for move in moves], np.int64)
+        self._row = np.array([lane.builder.count if lane.builder else 0 for lane in self.lanes], np.int64)
+        self._now, self._misfit = self._row.copy(), np.zeros(len(self.lanes), np.bool_)
+        self._lanes = np.zeros((len(self.lanes) + 1, 7), np.int64)
         self._locate()
         self._stale = False
 
     def _locate(self) -> None:
-        self._address = np.array([move.column.address for move in self._moves()], np.int64)
+        moves = [[(one, one.column.address) for one in lane.plan.moves] for lane in self.lanes]
+        whole = [[word for one, at in own if _is_whole(one) for word in _words(one, at)] for own in moves]
+        other = [[_field(one, at) for one, at in own if not _is_whole(one)] for own in moves]
+        self._whole, self._other = _table(whole, 3), _table(other, 4)
+        self._lanes[:, kernel.WHOLE], self._lanes[:, kernel.OTHER] = _starts(whole), _starts(other)
+        for row, lane in zip(self._lanes, self.lanes, strict=False):
+            likeness = lane.plan.likeness
+            row[: kernel.WHOLE] = lane.plan.size, len(likeness[0]), *(words.ctypes.data for words in likeness)
+            row[kernel.ROOM] = lane.ready
 
-    def _moves(self) -> list[Move]:
-        return [move for lane in self.lanes for move in lane.plan.moves]
+
+def _is_whole(move: Move) -> bool:
+    return move.kind == RAW and move.width % _WORD == 0
 
 
-def _starts(lengths: list[int]) -> Ints:
-    return np.cumsum([0, *lengths], dtype=np.int64)
+def _words(move: Move, address: int) -> list[tuple[int, ...]]:
+    return [(move.source + k, address + k, move.width) for k in range(0, move.width, _WORD)]
+
+
+def _field(move: Move, address: int) -> tuple[int, ...]:
+    return move.source, address, move.width, move.kind
+
+
+def _table(rows: list[list[tuple[int, ...]]], width: int) -> Ints:
+    return np.array([row for own in rows for row in own], np.int64).reshape(-1, width)
+
+
+def _starts(rows: list[list[tuple[int, ...]]]) -> Ints:
+    return np.cumsum([0, *map(len, rows)], dtype=np.int64)

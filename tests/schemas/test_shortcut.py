@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 
 from schemas.wire import Log, Table, read_log, reader, write_log
 from schemas.wire.container import File, outline
@@ -66,10 +66,12 @@ def assert_bits(one: np.ndarray, other: np.ndarray) -> None:
             assert a == b
 
 
-def write(path: Path, text: str, messages: Sequence[Message], chunk: int = 300) -> None:
+def write(
+    path: Path, text: str, messages: Sequence[Message], chunk: int = 300, index: IndexType = IndexType.ALL
+) -> None:
     """Messages of one definition, chunked."""
     with path.open("wb") as file:
-        writer = Writer(file, chunk_size=chunk, compression=CompressionType.NONE)
+        writer = Writer(file, chunk_size=chunk, compression=CompressionType.NONE, index_types=index)
         writer.start("ros2", "test")
         schema = writer.register_schema("pkg/msg/Outer", "ros2msg", text.encode())
         ids: dict[str, int] = {}
@@ -88,6 +90,16 @@ def lanes(path: Path) -> set[str]:
         pass_ = Pass(file, outline(file), tables.add, tables.expect, None, shortcut)
         pass_.run(None)
     return {pass_.channels[lane.channel].topic for lane in shortcut.lanes}
+
+
+def test_columns_grow_where_no_index_tells_how_long_they_become(both, tmp_path: Path):
+    rng = np.random.default_rng(8)
+    payloads = [odd(rng, b"abc") for _ in range(700)]
+    messages = [(f"/{k % 3 and 1}", EPOCH + k, one) for k, one in enumerate(payloads)]
+    write(tmp_path / "a.mcap", ODD, messages, 5_000, IndexType.NONE)
+    log = both(tmp_path / "a.mcap")
+    assert lanes(tmp_path / "a.mcap") == {"/0", "/1"}
+    assert sum(map(len, log.tables.values())) == 700
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
