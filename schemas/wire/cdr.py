@@ -23,6 +23,7 @@ from schemas.wire.layout import (
     field_view,
     layout_of_bytes,
     layout_of_counts,
+    texts_alike,
     write_node,
 )
 
@@ -239,7 +240,7 @@ def _lengths(values: Any, node: Node, count: int) -> Indices:
         return np.full(count, int(text))
     if not text:
         return np.fromiter((len(value) for value in values), np.int64, count)
-    if (values == values[0]).all():
+    if texts_alike(values):
         return np.full(count, len(str(values[0]).encode()) + 1)
     return np.fromiter((len(str(value).encode()) + 1 for value in values), np.int64, count)
 

@@ -217,6 +217,11 @@ def rows_alike(values: NDArray[Any]) -> bool:
     return bool((flat[width // unit :] == flat[: -(width // unit)]).all())
 
 
+def texts_alike(values: Any) -> bool:
+    """Whether texts (n,), at least one, are all the same."""
+    return values.strides[0] == 0 or bool((values == values[0]).all())
+
+
 def _decode(text: bytes) -> str:
     return text.removesuffix(b"\0").decode("utf-8", errors="replace")
 
@@ -242,10 +247,9 @@ def write_node(node: Node, rows: Rows, base: int, values: Any) -> None:
 
 def _write_leaf(leaf: Leaf, rows: Rows, offset: int, values: Any) -> None:
     if leaf.kind == "string":
-        text = [str(value).encode() + b"\0" for value in values]
-        field_view(rows, offset, np.dtype(np.uint8), leaf.count)[:] = np.frombuffer(b"".join(text), np.uint8).reshape(
-            len(rows), -1
-        )
+        few = values[:1] if texts_alike(values) else values
+        text = np.frombuffer(b"".join([str(value).encode() + b"\0" for value in few]), np.uint8)
+        field_view(rows, offset, np.dtype(np.uint8), leaf.count)[:] = text.reshape(len(few), -1)
     elif leaf.kind == "time":
         seconds, nanoseconds = np.divmod(np.asarray(values, np.int64), 1_000_000_000)
         if len(seconds) and (seconds.max() >= 2**31 or seconds.min() < -(2**31)):
