@@ -128,15 +128,19 @@ class Job:
     def round(
         self, obs: Observations, at: Linearisation, noise: m.Noise, flexure: FlexureModel, identify: bool = True
     ) -> Solution:
-        """Filter and smooth about one linearisation; identify the flexure in what comes out."""
+        """Filter and smooth about one linearisation; identify the flexure in what comes out.
+
+        Where the flexure is identified another round follows, and covariances of the smoothed states are left out.
+        """
         size = max(float(np.linalg.norm(at.lever_arm)), 1.0)
         noise = replace(noise, coupling_prior=tuning.COUPLING_SHARE * size)
         kept = m.states(noise)
-        course, smoothed = run_pieces(self.model(obs, at, noise), np.searchsorted(kept, OUT), COVARIANCE_STRIDE)
+        stride = 0 if identify else COVARIANCE_STRIDE
+        course, smoothed = run_pieces(self.model(obs, at, noise), np.searchsorted(kept, OUT), stride)
         course = m.with_all_states(course, kept, noise)
-        solution = Solution(at, noise, obs, course, _resolved(course, smoothed), flexure)
         if not identify:
-            return solution
+            return Solution(at, noise, obs, course, _resolved(course, smoothed), flexure)
+        solution = Solution(at, noise, obs, course, smoothed, flexure)
         return replace(
             solution, flexure=fit_flexure(obs.t, _undrifted(solution), obs.good, self.trial.rig, flexure, obs.dulled)
         )
