@@ -156,16 +156,19 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     say("events")
     wild, found = events.examine(before, twin)
     calm = events.remove(work, _surely_wild(wild, found))
-    low_pass = _low_pass(events.without(before, found), twin, names)
-    sharp = compensate(calm, [as_effect(finding) for finding in low_pass], twin).trial if low_pass else calm
+    low_pass, humming = _before_mean_effects(events.without(before, found), twin, names)
+    early = [as_effect(finding) for finding in (*low_pass, *humming)]
+    sharp = compensate(calm, early, twin).trial if early else calm
     say("mean effects")
     seen = spectra.flexure(events.without(before, found), twin, bool(low_pass))
     chosen = select(sharp, twin, coarse, rng, names, bool(low_pass), seen)
     say("spectra")
     aligned = _aligned(chosen, coarse)
     clean = chosen.clean
-    if low_pass:  # its spectrum tells the cutoff best as it was recorded
+    if early:  # spectra tell a cutoff and a line best as they were recorded
         clean = compensate(calm, [pick.effect for pick in chosen.picks], twin).trial
+        if chosen.wandering is not None and chosen.wandering.path is not None:
+            clean = chosen.wandering.path.taken_from(clean)
     whole = spectra.residual(clean, aligned, twin, ASTRAY)
     slams, found = events.examine(whole, twin)
     residual = _linear(events.without(whole, found), chosen)
@@ -185,7 +188,7 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
         chosen.steady,
         chosen.without_events,
     )
-    ceiling = tuple(_doubted(family, chosen) for family in ceiling)
+    ceiling = tuple(sorted((_doubted(family, chosen) for family in ceiling), key=lambda family: -family.gain.sum()))
     excess = _excess(residual, twin, joint, spectral, known, "axis_coupling" not in names)
     findings = _findings(checks, chosen, candidates, joint)
     return Evidence(
@@ -218,12 +221,15 @@ def _linear(residual: FullRateResidual, chosen: Selection) -> FullRateResidual:
     )
 
 
-def _low_pass(residual: FullRateResidual, twin: Twin, names: tuple[str, ...]) -> tuple[Finding, ...]:
-    """A low-pass of the gyros whose lag is its own: to be taken out before a delay is looked for, which it would pass
-    for."""
-    if "gyro_bandwidth" not in names:
-        return ()
-    return tuple(c.finding for c in spectra.examine(residual, twin, names=["gyro_bandwidth"]) if c.named)
+def _before_mean_effects(
+    residual: FullRateResidual, twin: Twin, names: tuple[str, ...]
+) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
+    """What is taken out before mean effects are looked for: a low-pass of the gyros, whose lag would pass for a delay,
+    and a vibration, which would make their noise larger."""
+    early = [name for name in ("gyro_bandwidth", "narrowband_vibration") if name in names]
+    named = [c.finding for c in spectra.examine(residual, twin, names=early) if c.named] if early else []
+    low_pass = tuple(finding for finding in named if finding.name == "gyro_bandwidth")
+    return low_pass, tuple(finding for finding in named if finding not in low_pass)
 
 
 def _surely_wild(candidates: tuple[Candidate, ...], found: events.Found) -> events.Found:

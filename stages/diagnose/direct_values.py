@@ -14,6 +14,7 @@ from twin.effects._parameters import AXES
 SMALLEST = 60  # closest values of an axis from which the step of a lattice is taken
 OFF_LATTICE = 0.02  # steps by which values may miss their lattice
 ON_LATTICE = 0.98  # share of values that lie on it
+SHARED = 0.5  # share of values that stand with another one on their level, from which one alone is doubted
 FINEST = 1e-9  # of the largest value: closer values are one, and a finer lattice is that of the numbers themselves
 MOST_NATS = 1e6  # enough
 REPEATS = 4  # samples at an extreme that make a range of it
@@ -27,7 +28,9 @@ BoolArray = NDArray[np.bool_]
 def lattice(values: FloatArray) -> float:
     """Step of the lattice that values (n,) lie on, 0 where there is none."""
     size = float(np.abs(values).max())
-    levels = np.unique(values)
+    levels, met = np.unique(values, return_counts=True)
+    if met[met > 1].sum() > SHARED * len(values):
+        levels = levels[met > 1]  # a wild sample lies on no lattice
     if size == 0.0 or len(levels) < 8:
         return 0.0
     apart = np.diff(levels)

@@ -3,7 +3,9 @@
 With y the whitened innovations and X the whitened regressors, each block keeps ``[X y]^T [X y]``. Nuisances have
 Gaussian priors, effects have none but what makes the solve regular. Held-out evidence of a set of regressors: the
 coefficients of one fold score the other, ``1/2 (|y - N n0|^2 - |y - N n1 - E e|^2)`` summed over both; folds are
-interleaved blocks.
+interleaved blocks. Beside a process that takes other values in every block (its regressors' names begin with PROCESS)
+one fold foretells little of the other: there both are fitted together, at the price of a nat a number, which is what
+data held out would cost on the average.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from schemas.products import BoolArray
 from schemas.rig import FloatArray
 
 BLOCK_S = 30.0
+PROCESS = "wander"
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,11 @@ class Gram:
     def total(self) -> FloatArray:
         """(K + 1, K + 1)."""
         return np.asarray(self.halves.sum(axis=0))
+
+    @cached_property
+    def wanders(self) -> bool:
+        """Whether a process is among the regressors."""
+        return any(name.startswith(PROCESS) for name in self.names)
 
     def index(self, names: Sequence[str]) -> list[int]:
         """Places of regressors by name."""
@@ -134,6 +142,11 @@ def held_out(gram_: Gram, base: Sequence[int], more: Sequence[int]) -> FloatArra
     """(b,) nats per block by which base and more beat base, each block scored by the other fold's coefficients."""
     out = np.zeros(len(gram_.blocks))
     used = [*base, *more, -1]
+    if gram_.wanders:
+        lesser, greater = _both(gram_.total, gram_.precision, base, more)
+        blocks = gram_.blocks[:, used][:, :, used]
+        out = 0.5 * (_squares(blocks, lesser) - _squares(blocks, greater))
+        return np.asarray(out + (held_out_sum(gram_, base, more) - out.sum()) / len(out))  # of the priors' cost
     for G, tested in zip(gram_.halves, reversed(folds(gram_))):
         lesser, greater = _both(G, gram_.precision, base, more)
         blocks = gram_.blocks[tested][:, used][:, :, used]
@@ -143,6 +156,8 @@ def held_out(gram_: Gram, base: Sequence[int], more: Sequence[int]) -> FloatArra
 
 def held_out_sum(gram_: Gram, base: Sequence[int], more: Sequence[int]) -> float:
     """Sum over the blocks of :func:`held_out`, without looking at each of them."""
+    if gram_.wanders:
+        return gain(gram_, base, more) - len(more)
     used, total = [*base, *more, -1], 0.0
     for trained, tested in zip(gram_.halves, gram_.halves[::-1]):
         lesser, greater = _both(trained, gram_.precision, base, more)
@@ -197,6 +212,10 @@ def null_evidence(
     b = np.stack([_root(block) @ rng.standard_normal((len(used), draws)) for block in G])  # (blocks, k, draws)
     lesser = [place[k] for k in base]
     precision = gram_.precision[used]
+    if gram_.wanders:
+        nothing = _gained(G, b, precision, lesser)
+        found = [_gained(G, b, precision, lesser + [place[k] for k in group]) - len(group) for group in groups]
+        return np.array([float(np.max(gained - nothing)) for gained in found])
     nothing = _held_out_draws(G, b, precision, lesser, folds(gram_))
     out = [_held_out_draws(G, b, precision, lesser + [place[k] for k in group], folds(gram_)) for group in groups]
     return np.array([float(np.max(gained - nothing)) for gained in out])
@@ -205,6 +224,14 @@ def null_evidence(
 def _root(block: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(block)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _gained(G: FloatArray, b: FloatArray, precision: FloatArray, chosen: Sequence[int]) -> FloatArray:
+    """(draws,) nats in sample by which chosen regressors beat nothing."""
+    k = list(chosen)
+    moment = b.sum(axis=0)[k]
+    A = G.sum(axis=0)[np.ix_(k, k)] + np.diag(precision[k])
+    return np.asarray(0.5 * np.sum(solve_normal(A, moment) * moment, axis=0))
 
 
 def _held_out_draws(

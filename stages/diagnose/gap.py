@@ -80,12 +80,12 @@ def comparisons(
 
 def _placebo(chosen: Selection, base: list[int], more: list[int]) -> FloatArray:
     """The regressors of the answer half a record out of step."""
-    columns, names = chosen.regressors.columns, [str(k) for k in (*base, *more)]
+    columns, names = chosen.regressors.columns, [chosen.gram.names[k] for k in base]
     moved = np.roll(columns[:, :, more], len(columns) // 2, axis=0)
     precision, t = chosen.gram.precision[base], chosen.base.t
-    table = Table.of(names[: len(base)], columns, restored_values(chosen), t, precision, chosen=base)
-    own = table.widened(names[len(base) :], moved, np.zeros(len(more)))
-    return held_out(own, range(len(base)), range(len(base), len(names)))
+    table = Table.of(names, columns, restored_values(chosen), t, precision, chosen=base)
+    own = table.widened([f"placebo {k}" for k in more], moved, np.zeros(len(more)))
+    return held_out(own, range(len(base)), range(len(base), len(base) + len(more)))
 
 
 def restored_values(chosen: Selection) -> FloatArray:

@@ -5,12 +5,15 @@ Gauss-Markov process at k / 2T: 2 sigma^2 tau / (1 + (2 pi f tau)^2). Its mean i
 whitened once; evidence is the marginal likelihood of the best (sigma, tau) over that of no wandering, less the price of
 two parameters. No wandering means noise as it was fitted, or more of it about any axis, white: what interpolation
 over lost samples or a coarse lattice adds about the liveliest axis is no process that keeps its value for seconds.
+
+A process that is named is taken out of the log as far as it was found, so that everything is linear about what is left;
+its columns, times what was taken, are put back.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, product
 
 import numpy as np
@@ -19,8 +22,10 @@ from scipy.linalg import solve_triangular
 from physics.normal import solve_normal
 from physics.units import DEG_PER_HOUR
 from schemas.rig import FloatArray
+from schemas.trial import Trial
 from stages.diagnose import whitening
-from stages.diagnose.baseline import Baseline
+from stages.diagnose.baseline import Baseline, extended
+from stages.diagnose.evidence import PROCESS
 from stages.diagnose.nuisances import Nuisance
 from twin.effects._prediction import Signals, on_axis
 
@@ -40,13 +45,15 @@ WHITE_SHARES = (
     2.0,
     3.0,
 )  # of the fitted noise: white noise beside it
+POINTS = 1000  # instants at which paths are compared
 PRICE = 6.0  # nats
 ANY_BIAS = 1e-4  # (deg/h)^-2, precision of the mean
 
 
 @dataclass(frozen=True)
 class Wander:
-    """std: deg/h and its standard error, tau: s and its standard error, evidence: nats. by_axis: (3,) nats."""
+    """std: deg/h and its standard error, tau: s and its standard error, evidence: nats. by_axis: (3,) nats. path: what
+    was taken out of the log."""
 
     std: float
     std_error: float
@@ -54,6 +61,37 @@ class Wander:
     tau_error: float
     evidence: float
     by_axis: FloatArray
+    path: Path | None = None
+
+
+@dataclass(frozen=True)
+class Path:
+    """A bias as it wandered from start to end (s): coefficients (3 terms,) of the cosines, rad/s^0.5, and means (3,),
+    rad/s."""
+
+    start: float
+    end: float
+    frequency: FloatArray
+    value: FloatArray
+    mean: FloatArray
+
+    def at(self, t: FloatArray) -> FloatArray:
+        """(n, 3) rad/s; before and after, it stands still."""
+        into, length = np.clip(t, self.start, self.end) - self.start, self.end - self.start
+        out = np.repeat(self.mean[None, :], len(t), axis=0)
+        for f, value in zip(self.frequency, self.value.reshape(3, -1).T, strict=True):
+            out += np.outer(np.cos(2.0 * np.pi * f * into) * np.sqrt(2.0 / length), value)
+        return out
+
+    def turns_from(self, other: Path) -> float:
+        """Largest angle (rad) that lies between what both have turned a unit."""
+        t = np.linspace(self.start, self.end, POINTS)
+        return float(np.abs(np.cumsum(self.at(t) - other.at(t), axis=0)).max() * (t[1] - t[0]))
+
+    def taken_from(self, trial: Trial) -> Trial:
+        """A log without it."""
+        sub = trial.sub
+        return replace(trial, sub=replace(sub, gyro=sub.gyro - self.at(trial.seconds(sub.stamp))))
 
 
 @dataclass(frozen=True)
@@ -62,6 +100,11 @@ class Basis:
 
     columns: FloatArray
     frequency: FloatArray
+
+    @classmethod
+    def of(cls, base: Baseline, columns: FloatArray) -> Basis:
+        """Columns of :func:`as_nuisances` that are whitened already."""
+        return cls(columns, _frequencies(base))
 
 
 def basis(base: Baseline) -> Basis:
@@ -169,12 +212,27 @@ def _marginal(information: FloatArray, moment: FloatArray, variance: FloatArray)
     return float(0.5 * value @ value - np.log(np.diag(L)).sum())
 
 
+def with_wander(base: Baseline, found: Wander) -> Baseline:
+    """A baseline with the process as regressors, what was taken out of the log for it put back to first order."""
+    own = [*as_nuisances(base, found.std, found.tau), *mean_nuisances(base, found.std, found.tau)]
+    wide = extended(base, own)
+    if found.path is None:
+        return wide
+    values = wide.whitened.values + wide.columns[:, :, -len(own) :] @ np.append(found.path.value, found.path.mean)
+    return replace(wide, whitened=replace(wide.whitened, values=values))
+
+
+def path_of(base: Baseline, value: FloatArray) -> Path:
+    """The bias as it wandered, by the values (3 terms + 3,) of the process' regressors."""
+    return Path(float(base.obs.t[0]), float(base.obs.t[-1]), _frequencies(base), value[:-3], value[-3:])
+
+
 def as_nuisances(base: Baseline, std: float, tau: float) -> Sequence[Nuisance]:
     """The process as regressors with priors; its mean over the record is a bias like any other."""
     frequency = _frequencies(base)
     raw = base.response.many(_cosines(base.obs.t, frequency))
     sigma = np.sqrt(variances(frequency, std, tau))
-    return [Nuisance(f"wander {k}", raw[:, :, k], float(s)) for k, s in enumerate(sigma)]
+    return [Nuisance(f"{PROCESS} {k}", raw[:, :, k], float(s)) for k, s in enumerate(sigma)]
 
 
 def mean_nuisances(base: Baseline, std: float, tau: float) -> Sequence[Nuisance]:
@@ -184,6 +242,6 @@ def mean_nuisances(base: Baseline, std: float, tau: float) -> Sequence[Nuisance]
     spread = std * DEG_PER_HOUR * np.sqrt(2.0 * (x - 1.0 + np.exp(-x))) / x
     one = np.ones(len(base.obs.t))
     return [
-        Nuisance(f"wander mean {name}", base.response(Signals(gyro=on_axis(axis, one))), float(spread))
+        Nuisance(f"{PROCESS} mean {name}", base.response(Signals(gyro=on_axis(axis, one))), float(spread))
         for axis, name in enumerate("xyz")
     ]

@@ -12,14 +12,15 @@ from functools import partial, reduce
 
 import numpy as np
 
+from physics.units import ARCMIN
 from schemas.products import Alignment
 from schemas.rig import FloatArray
 from schemas.trial import Trial
 from stages.diagnose import instability, slow, stiffening
 from stages.diagnose.baseline import Baseline, baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
-from stages.diagnose.evidence import Gram, combined, gain, held_out_sum, null_evidence, shifted, solve
-from stages.diagnose.instability import Wander
+from stages.diagnose.evidence import PROCESS, Gram, combined, gain, held_out_sum, null_evidence, shifted, solve
+from stages.diagnose.instability import Path, Wander
 from stages.diagnose.nuisances import TOLERANCES, second_order
 from stages.diagnose.pick import Pick, at_period, with_period
 from stages.diagnose.regressors import Group, Regressors, regressors, view_of
@@ -42,6 +43,7 @@ FLOOR_S = 1800.0  # of record for which the floor holds; longer ones need more
 KEPT_SHARE = 0.8  # of the threshold, below which a pick is dropped again beside the others
 ROUNDS = 3  # of linearisation about the picks, before anything else is looked for
 STRONG = 100.0  # nats of a named effect, beyond which the levels of noise are sought from the start
+TURNED = 1.0 * ARCMIN  # rad by which a wandering bias may turn the units further without being taken out anew
 SETTLED = 1.0  # standard deviations by which a pick may move without being taken out anew
 EVENT_PENALTY = 3.0  # nats more for an event, on top of ln(steps) and half ln(steps) a parameter: its time was searched
 
@@ -137,7 +139,7 @@ def select(
     thresholds: dict[str, float] = {}
     doubts: dict[str, float] = {}
     for _ in range(MOST + 1):
-        base, found, clean, gram, picks = _converged(about, picks, levels, wandering)
+        base, found, clean, gram, picks, wandering = _converged(about, picks, levels, wandering)
         thresholds = _thresholds(found, gram, picks, rng)
         scored = _scored(found, gram, picks)
         moved = _wander(base, found, picks) if instability.NAME in library and wandering is None else None
@@ -160,7 +162,7 @@ def select(
     while weakest := _unworthy(chosen):
         picks = tuple(pick for pick in chosen.picks if pick.group.effect != weakest)
         wandering = None if weakest == instability.NAME else chosen.wandering
-        base, found, clean, _, picks = _converged(about, picks, chosen.base.levels, wandering)
+        base, found, clean, _, picks, wandering = _converged(about, picks, chosen.base.levels, wandering)
         chosen = _finished(picks, base, found, clean, alone, thresholds, wandering, doubts)
     return chosen
 
@@ -168,15 +170,30 @@ def select(
 def _converged(
     about: Callable[..., tuple[Baseline, Regressors, Trial]], picks: tuple[Pick, ...], levels: Levels | None,
     wandering: Wander | None,
-) -> tuple[Baseline, Regressors, Trial, Gram, tuple[Pick, ...]]:  # fmt: skip
-    """Baseline, regressors, clean log, Gram and picks, linearised about the picks until they stay where they are."""
+) -> tuple[Baseline, Regressors, Trial, Gram, tuple[Pick, ...], Wander | None]:  # fmt: skip
+    """Baseline, regressors, clean log, Gram, picks and wandering bias, linearised about them until they stay where they
+    are."""
     for _ in range(ROUNDS):
         base, found, clean = about(picks, levels, wandering)
         gram, taken = _frozen(found, picks)
         picks, levels = _refined(found, gram, picks, taken), base.levels
-        if _settled(picks):
+        path = _wandered(base, found, taken) if wandering is not None else None
+        if path and (wandering.path is None or path.turns_from(wandering.path) > TURNED):
+            # Noise found beside the process was its in part, and so its size was found too small.
+            wandering, levels = replace(_wander(base, found, picks), path=path), None
+        elif _settled(picks):
             break
-    return base, found, clean, gram, picks
+    return base, found, clean, gram, picks, wandering
+
+
+def _wandered(base: Baseline, found: Regressors, value: FloatArray) -> Path:
+    """The path of a wandering bias among the nuisances of a fit."""
+    return instability.path_of(base, value[_process(found)])
+
+
+def _process(found: Regressors) -> list[int]:
+    """Places of a wandering bias in the Gram."""
+    return [k for k, name in enumerate(found.nuisances) if name.startswith(PROCESS)]
 
 
 def _settled(picks: Sequence[Pick]) -> bool:
@@ -187,10 +204,12 @@ def _settled(picks: Sequence[Pick]) -> bool:
 
 def _wander(base: Baseline, found: Regressors, picks: Sequence[Pick]) -> Wander:
     """What a wandering bias of the gyros would gain on top of the picks."""
-    kept = [k for k in _with(found, picks) if not found.gram.names[k].startswith("wander")]
+    kept = [k for k in _with(found, picks) if not found.gram.names[k].startswith(PROCESS)]
     kept += [k for k, name in enumerate(found.nuisances) if name.startswith("impulse")]
-    own = found.columns[:, : base.whitened.values.shape[1], kept]
-    return instability.wander(base, instability.basis(base), own, found.gram.precision[kept])
+    width = base.whitened.values.shape[1]
+    cosines = [k for k in _process(found) if "mean" not in found.nuisances[k]]
+    made = instability.Basis.of(base, found.columns[:, :width, cosines]) if cosines else instability.basis(base)
+    return instability.wander(base, made, found.columns[:, :width, kept], found.gram.precision[kept])
 
 
 def _unworthy(chosen: Selection) -> str | None:
@@ -213,12 +232,13 @@ def _about(
     """Baseline, regressors and log with the picks taken out."""
     named = [pick.effect for pick in picks]
     clean = compensate(trial, named, twin).trial if picks else trial
+    if wandering is not None and wandering.path is not None:
+        clean = wandering.path.taken_from(clean)
     arm = reduce(lambda changed, effect: effect.twin(changed), named, twin).mount.lever_arm
     source = believed(clean, section(twin, "mount", lever_arm=arm), lagging, flexure)
     base = baseline(source, coarse, levels)
     if wandering is not None:
-        made = instability.as_nuisances(base, wandering.std, wandering.tau)
-        base = extended(base, [*made, *instability.mean_nuisances(base, wandering.std, wandering.tau)])
+        base = instability.with_wander(base, wandering)
     view = view_of(base)
     if (bent := _bent(view, picks)).any():
         base = extended(base, [second_order(base.obs, source.lever_arm, bent + view.theta)])
@@ -430,6 +450,6 @@ def _finished(
     for name, (score, _) in _scored(found, gram, picks).items():
         evidence[name] = min(score, doubts.get(name, score))
     if wandering is not None:
-        wandering = _wander(base, found, picks)
+        wandering = replace(_wander(base, found, picks), path=wandering.path)
         evidence[instability.NAME] = wandering.evidence
     return Selection(picks, base, found, restored, evidence, alone, thresholds, clean, wandering)

@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 
 from physics.units import DEG_PER_HOUR
 from schemas.rig import FloatArray
+from stages.align import align
 from stages.diagnose import columns, instability
 from stages.diagnose.baseline import Baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
@@ -20,8 +21,9 @@ from stages.diagnose.judgement import LEFT_NATS
 from stages.diagnose.latency import main_column, main_match
 from stages.diagnose.levels import _highest
 from stages.diagnose.regressors import error_periods, regressors, view_of
-from stages.diagnose.selection import MEAN
-from tests.stages.diagnose.simulated import baseline_of, log, without_aids
+from stages.diagnose.selection import MEAN, select
+from stages.diagnose.view import believed
+from tests.stages.diagnose.simulated import TWIN, baseline_of, log, without_aids
 from twin.effects._prediction import Signals
 
 
@@ -196,6 +198,44 @@ def test_a_wandering_bias_is_found_with_its_size_and_time_constant() -> None:
 
 def test_no_bias_wanders_where_none_does(bare: Baseline) -> None:
     assert instability.wander(bare, instability.basis(bare), bare.columns, bare.precision).evidence < 0.0
+
+
+def test_the_path_of_a_wandering_bias_is_what_its_regressors_times_their_values_are(bare: Baseline) -> None:
+    own = [*instability.as_nuisances(bare, 2.0, 60.0), *instability.mean_nuisances(bare, 2.0, 60.0)]
+    value = np.array([n.sigma for n in own]) * np.random.default_rng(8).standard_normal(len(own))
+    path = instability.path_of(bare, value)
+    expected = bare.response(Signals(gyro=path.at(bare.obs.t)))
+    found = sum(n.column * v for n, v in zip(own, value))
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    trial = log()
+    taken = trial.sub.gyro - path.taken_from(trial).sub.gyro
+    np.testing.assert_allclose(taken, path.at(trial.seconds(trial.sub.stamp)), atol=1e-15)
+    angle = np.cumsum(path.at(bare.obs.t), axis=0) * np.median(np.diff(bare.obs.t))
+    still = instability.path_of(bare, np.zeros(len(own)))
+    assert path.turns_from(still) == pytest.approx(np.abs(angle).max(), rel=0.02)
+
+
+def test_a_wandering_bias_that_was_taken_out_is_put_back_to_first_order(bare: Baseline) -> None:
+    found = instability.wander(bare, instability.basis(bare), bare.columns, bare.precision)
+    wide = instability.with_wander(bare, found)
+    value = np.random.default_rng(8).standard_normal(wide.columns.shape[2] - bare.columns.shape[2]) * DEG_PER_HOUR
+    restored = instability.with_wander(bare, replace(found, path=instability.path_of(bare, value)))
+    expected = wide.columns[:, :, bare.columns.shape[2] :] @ value
+    ok = np.isfinite(bare.whitened.values)
+    np.testing.assert_allclose((restored.whitened.values - bare.whitened.values)[ok], expected[ok], atol=1e-9)
+    np.testing.assert_array_equal(np.isfinite(restored.whitened.values), ok)
+
+
+def test_a_bias_that_wanders_far_hides_nothing_beside_it() -> None:
+    """It turns the units by many arcminutes: without being taken out it would leave noise of second order."""
+    trial = log(("gyro_bias_instability", {"std": 40.0, "tau": 60.0}), ("accel_scale_factor", {"y": 2000.0}))
+    library = ("accel_scale_factor", "gyro_temperature", instability.NAME)
+    found = select(trial, TWIN, align(believed(trial, TWIN).trial), np.random.default_rng(0), library)
+    assert [pick.group.effect for pick in found.picks] == ["accel_scale_factor"]
+    assert found.wandering is not None
+    y = found.picks[0].group.parameters.index("y")
+    assert abs(found.picks[0].value[y] - 2000.0) < 3.0 * np.sqrt(found.picks[0].covariance[y, y])
+    assert ((found.base.whitened.scale[:6] > 0.8) & (found.base.whitened.scale[:6] < 1.2)).all()
 
 
 def test_more_white_noise_about_one_axis_is_no_wandering_bias(bare: Baseline, monkeypatch) -> None:

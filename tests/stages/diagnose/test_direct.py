@@ -112,6 +112,16 @@ def test_the_step_of_quantised_increments_is_found(step):
     assert found["gyro_quantization"].parameters["step"].value == pytest.approx(step, rel=1e-5)
 
 
+def test_wild_samples_do_not_hide_a_lattice():
+    one, rng = series(2), np.random.default_rng(12)
+    count = 0.1 * ARCSEC * RATE
+    gyro = np.diff(np.floor(np.cumsum(one.gyro, axis=0) / count), axis=0, prepend=0.0) * count
+    wild = rng.choice(len(gyro), 20, replace=False)
+    gyro[wild] += 1e-3 * rng.standard_normal((20, 3))
+    found = findings(replace(one, gyro=gyro))
+    assert found["gyro_quantization"].parameters["step"].value == pytest.approx(0.1, rel=1e-5)
+
+
 def test_a_lattice_of_both_units_is_the_recorders():
     rounded = [replace(one, gyro=np.round(one.gyro, 7)) for one in (series(1), series(2))]
     assert not findings(rounded[1], rounded[0])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -149,15 +151,32 @@ def test_shifted_is_the_gram_of_innovations_with_columns_added(stacked: Stacked)
     np.testing.assert_array_equal(found.blocks, stacked.gram().blocks)
 
 
-def test_null_evidence_is_distributed_as_in_replays_of_white_noise() -> None:
-    short, draws = Stacked(steps=300), 200
-    found = short.gram()
+def test_beside_a_process_both_folds_are_fitted_together(stacked: Stacked) -> None:
+    """Coefficients of one fold would say nothing of what the process does in the other."""
+    found = replace(stacked.gram(), names=("wander 0", *NAMES[1:]))
+    told = gain(found, BASE, MORE) - len(MORE)
+    assert held_out_sum(found, BASE, MORE) == pytest.approx(told)
+    assert held_out(found, BASE, MORE).sum() == pytest.approx(told)
+    X, y = stacked.rows(found, np.arange(len(found.blocks)) == 3)
+    P = PRECISION
+    whole = stacked.rows(found, np.ones(len(found.blocks), bool))
+    lesser, greater = (y - X[:, k] @ ridge(whole[0][:, k], whole[1], P[k]) for k in (BASE, BASE + MORE))
+    blocks = held_out(found, BASE, MORE)
+    others = [0.5 * float(r @ r) for r in (lesser, greater)]
+    rest = blocks[3] - (others[0] - others[1])  # the price and what the priors cost, the same for each block
+    assert abs(rest) < 2.0
+
+
+@pytest.mark.parametrize("first", ["bias x", "wander 0"])
+def test_null_evidence_is_distributed_as_in_replays_of_white_noise(first) -> None:
+    short, draws, names = Stacked(steps=300), 200, (first, *NAMES[1:])
+    found = replace(short.gram(), names=names)
     rng = np.random.default_rng(8)
     quick = [null_evidence(found, BASE, [MORE], rng, 1)[0] for _ in range(draws)]
     slow = []
     for _ in range(draws):
         replay = np.where(np.isfinite(short.y), rng.standard_normal(short.y.shape), np.nan)
-        slow.append(held_out(gram(NAMES, short.X, replay, short.t, PRECISION), BASE, MORE).sum())
+        slow.append(held_out(gram(names, short.X, replay, short.t, PRECISION), BASE, MORE).sum())
     assert stats.ks_2samp(quick, slow).pvalue > 1e-3
     assert np.mean(quick) == pytest.approx(np.mean(slow), abs=0.5)
 
