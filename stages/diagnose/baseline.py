@@ -163,11 +163,11 @@ def extended(base: Baseline, more: Sequence[Nuisance]) -> Baseline:
     """The baseline with further regressors that have priors."""
     if not more:
         return base
-    columns = np.concatenate([base.columns, np.empty((*base.columns.shape[:2], len(more)))], axis=2)
-    for first in range(0, len(more), whitening.LANES):
-        raw = np.stack([nuisance.column for nuisance in more[first : first + whitening.LANES]], axis=2)
-        place = base.columns.shape[2] + first
-        columns[:, :, place : place + raw.shape[2]] = whitening.whiten_columns(base.whitened, raw)
+    rows, first = base.columns.shape[1:]
+    columns = np.concatenate([base.columns, np.empty((len(base.t), rows, len(more)))], axis=2)
+    for k, nuisance in enumerate(more):
+        columns[:, :, first + k] = nuisance.column[:, :rows]
+    whitening.whitened_in_place(base.whitened, columns, first)
     return replace(base, nuisances=(*base.nuisances, *more), columns=columns)
 
 

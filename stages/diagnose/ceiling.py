@@ -20,7 +20,7 @@ from stages.diagnose.baseline import Baseline
 from stages.diagnose.evidence import Gram, Table, combined, held_out, solve
 from stages.diagnose.latency import main_column, main_match
 from stages.diagnose.regressors import error_periods
-from twin.effects._prediction import LogView, Signals, on_axis
+from twin.effects._prediction import LogView, OnAxis, Signals, on_axis
 
 LAGS_S = (-0.6, -0.2, 0.2, 0.6)
 HARMONICS = (1, 2, 3, 5)
@@ -62,7 +62,8 @@ def families(
     for name, (channel, made) in {**FAMILIES, **found_here}.items():
         if channel.startswith("phins") and base.match is None:
             continue
-        own = _of_unit_size(whitening.whiten_columns(base.whitened, base.response.many(made(view))))
+        raw = base.response.many(made(view))[:, :width]
+        own = _of_unit_size(whitening.whitened_in_place(base.whitened, np.ascontiguousarray(raw)))
         out.append(_family(name, channel, known, own, y))
     return tuple(sorted(out, key=lambda family: -family.gain.sum()))
 
@@ -140,27 +141,23 @@ def _axis(own: FloatArray, y: FloatArray) -> str:
     return "xyz"[int(np.argmax(gain))]
 
 
-def _each_axis(values: FloatArray) -> list[FloatArray]:
+def _each_axis(values: FloatArray) -> list[OnAxis]:
     return [on_axis(axis, values) for axis in range(3)]
 
 
-def _matrix(values: FloatArray) -> list[FloatArray]:
+def _matrix(values: FloatArray) -> list[OnAxis]:
     return [one for column in values.T for one in _each_axis(column)]
 
 
-def _lagged(view: LogView, values: FloatArray) -> list[FloatArray]:
-    out = []
-    for lag in LAGS_S:
-        moved = np.stack([np.interp(view.t - lag, view.t, column) for column in values.T], axis=1)
-        out += [on_axis(axis, moved[:, axis]) for axis in range(3)]
-    return out
+def _lagged(view: LogView, values: FloatArray) -> list[OnAxis]:
+    return [on_axis(axis, np.interp(view.t - lag, view.t, values[:, axis])) for lag in LAGS_S for axis in range(3)]
 
 
 def _slow(view: LogView) -> list[FloatArray]:
     return list(slow.waves(view.t, HARMONICS).T)
 
 
-def _diagonal(values: FloatArray) -> list[FloatArray]:
+def _diagonal(values: FloatArray) -> list[OnAxis]:
     return [on_axis(axis, values[:, axis]) for axis in range(3)]
 
 

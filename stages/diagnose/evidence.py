@@ -92,8 +92,7 @@ class Table:
         seen: BoolArray = np.isfinite(y)
         taken = slice(None) if chosen is None else list(chosen)
         rows = tuple(
-            np.concatenate([columns[part][seen[part]][:, taken], y[part][seen[part]][:, None]], axis=1)
-            for part in parts
+            np.column_stack([_rows(columns[part], seen[part])[:, taken], y[part][seen[part]]]) for part in parts
         )
         blocks = np.array([Z.T @ Z for Z in rows])
         number = np.array([float(len(Z)) for Z in rows])
@@ -106,13 +105,18 @@ class Table:
         place = [*range(K), K + k]
         blocks = np.zeros((len(old.blocks), K + k + 1, K + k + 1))
         for b, (Z, part) in enumerate(zip(self.rows, self.parts)):
-            X = columns[part][self.seen[part]]
+            X = _rows(columns[part], self.seen[part])
             blocks[b][np.ix_(place, place)] = old.blocks[b]
             blocks[b][K : K + k, K : K + k] = X.T @ X
             cross = X.T @ Z
             blocks[b][K : K + k, place] = cross
             blocks[b][place, K : K + k] = cross.T
         return Gram((*old.names, *names), blocks, old.edges, np.concatenate([old.precision, precision]), old.count)
+
+
+def _rows(columns: FloatArray, seen: BoolArray) -> FloatArray:
+    """columns (n, m, K) where seen (n, m), one row each; without a copy where that is everywhere."""
+    return columns.reshape(-1, columns.shape[2]) if seen.all() else columns[seen]
 
 
 @dataclass(frozen=True)

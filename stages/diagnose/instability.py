@@ -188,13 +188,14 @@ def _white(information: FloatArray, moment: FloatArray, fitted: FloatArray) -> t
 
 
 def _moments(columns: FloatArray, more: FloatArray, y: FloatArray) -> FloatArray:
-    """[columns more y]^T [columns more y] of what is not masked, a piece of the record at a time."""
-    size = columns.shape[2] + more.shape[2] + 1
+    """[columns more y]^T [columns more y], a piece of the record at a time; where y is masked, columns are zero."""
+    K, size = columns.shape[2], columns.shape[2] + more.shape[2] + 1
     out = np.zeros((size, size))
     for first in range(0, len(y), PIECE):
         part = slice(first, first + PIECE)
-        ok = np.isfinite(y[part])
-        Z = np.column_stack([columns[part][ok], more[part][ok], y[part][ok]])
+        Z = np.empty((*y[part].shape, size))
+        Z[..., :K], Z[..., K:-1], Z[..., -1] = columns[part], more[part], np.nan_to_num(y[part])
+        Z = Z.reshape(-1, size)
         out += Z.T @ Z
     return out
 

@@ -79,7 +79,7 @@ def main_column(base: Baseline, match: MainMatch, signals: Signals) -> FloatArra
     """(N, 3) what signals add to the whitened increments, zero where those are masked."""
     if signals.phins_main is None:
         return np.zeros_like(match.y)
-    turned = -quaternions.rotate(base.obs.main.attitude, signals.phins_main)
+    turned = -quaternions.rotate(base.obs.main.attitude, np.asarray(signals.phins_main))
     mean, _ = whitening.step_means(turned, base.obs.index)
     step = np.diff(mean, axis=0, prepend=mean[:1])
     out = np.stack([lfilter(a, [1.0], column) for a, column in zip(match.filters, step.T)], axis=1) / match.scale

@@ -178,9 +178,11 @@ OF_DRIFT = (_drift, _tau)
 
 
 def _fit(whitened: Whitened, columns: FloatArray, precision: FloatArray) -> FloatArray:
-    ok = np.isfinite(whitened.values)
-    Z = np.column_stack([columns[ok], whitened.values[ok]])
-    return solve(Z.T @ Z, precision, range(columns.shape[2])).value
+    K = columns.shape[2]
+    X, y = columns.reshape(-1, K), np.nan_to_num(whitened.values).reshape(-1)  # masked columns are zero
+    G = np.empty((K, K + 1))
+    G[:, :K], G[:, K] = X.T @ X, X.T @ y
+    return solve(G, precision, range(K)).value
 
 
 def residual(whitened: Whitened, columns: FloatArray, precision: FloatArray) -> FloatArray:

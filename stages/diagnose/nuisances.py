@@ -22,7 +22,7 @@ from stages.diagnose.columns import Response, trapezoid_means
 from stages.diagnose.view import Believed, foretold, log_view, longest_step
 from stages.paired import Linearisation, Observations
 from twin import effects
-from twin.effects._prediction import Signals, on_axis
+from twin.effects._prediction import OnAxis, Signals, on_axis
 from twin.effects.heel_bending import LAG as LAG_OF_HEEL
 
 GYRO_BIAS = 0.05 * DEG_PER_HOUR  # how far a twin's figure may be off without being a gap, one sigma
@@ -57,18 +57,21 @@ def believed_nuisances(
 ) -> tuple[Nuisance, ...]:
     """Those of every log: constants, and how flexure moves the lever arm; jumps: s, at which no lever moves."""
     one = np.ones(len(obs.t))
-    kinds: tuple[tuple[str, Callable[[FloatArray], Signals], float], ...] = (
+    kinds: tuple[tuple[str, Callable[[OnAxis], Signals], float], ...] = (
         ("gyro bias", lambda x: Signals(gyro=x), GYRO_BIAS),
         ("accel bias", lambda x: Signals(accel=x), ACCEL_BIAS),
         ("static", lambda x: Signals(mount=x), STATIC),
         ("installation", lambda x: Signals(phins=x), INSTALLATION),
     )
-    constants = [
-        Nuisance(f"{kind} {'xyz'[axis]}", response(signals(on_axis(axis, one))), sigma)
-        for kind, signals, sigma in kinds
-        for axis in range(3)
-    ]
-    return (*constants, *_couplings(obs, at, jumps))
+    told = [(f"{kind} {'xyz'[axis]}", signals(on_axis(axis, one)), sigma)
+            for kind, signals, sigma in kinds for axis in range(3)]  # fmt: skip
+    return (*_answers(response, told), *_couplings(obs, at, jumps))
+
+
+def _answers(response: Response, told: Sequence[tuple[str, Signals, float]]) -> list[Nuisance]:
+    """Names, signals and standard deviations as nuisances: what many signals do is worked out side by side."""
+    columns = response.many(signals for _, signals, _ in told)
+    return [Nuisance(name, columns[:, :, k], sigma) for k, (name, _, sigma) in enumerate(told)]
 
 
 def _couplings(obs: Observations, at: Linearisation, jumps: Sequence[float]) -> list[Nuisance]:
@@ -194,11 +197,9 @@ def tolerances(
 ) -> list[Nuisance]:
     """Small errors of the sub-IMU's scale factors and axes, which no calibration leaves out."""
     view = log_view(source, obs, R_ref, np.zeros((len(obs.t), 3)), flexure)
-    return [
-        Nuisance(f"{name} {column.parameter}", response(column.signals), sigma)
-        for name, sigma in TOLERANCES.items()
-        for column in effects.get(name).predict(view)
-    ]
+    told = [(f"{name} {column.parameter}", column.signals, sigma)
+            for name, sigma in TOLERANCES.items() for column in effects.get(name).predict(view)]  # fmt: skip
+    return _answers(response, told)
 
 
 def gyro_lag(source: Believed, obs: Observations, R_ref: FloatArray, response: Response) -> list[Nuisance]:

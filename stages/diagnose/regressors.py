@@ -6,7 +6,7 @@ the log says: steps where the gyros' innovations jump, periods where the PHINS' 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from stages.diagnose.nuisances import STIFFNESS_SHARE, seen_flexure, whole_windo
 from stages.diagnose.stiffening import Deck
 from stages.diagnose.view import arw_of, log_view
 from twin import effects
-from twin.effects._prediction import LogView
+from twin.effects._prediction import Column, LogView, Signals
 
 ComplexArray = NDArray[np.complex128]
 
@@ -80,8 +80,47 @@ def regressors(
     """Columns of the named effects; free: groups that are already named, with their values (k,): they keep their own
     shape, and a period gets a column of its own, what a second of it changes."""
     groups: list[Group] = []
-    raw: list[FloatArray] = []
-    untestable = {}
+    untestable: dict[str, str] = {}
+    match, on_main, first = main_match(base), {}, base.columns.shape[2]
+
+    def told() -> Iterator[Signals]:
+        """Signals of all columns, one at a time: together they would be larger than the log."""
+        at = first
+        for group, columns in _predicted(base, view, names, free, untestable):
+            groups.append(group)
+            for column in columns:
+                if match is not None and column.signals.phins_main is not None:
+                    on_main[at] = main_column(base, match, column.signals)
+                at += 1
+                yield column.signals
+
+    raw = [base.response.many(told())]
+    columns_of = [label for group in groups for label in group.names]
+    for group, value in free:
+        if "period" in group.shape:
+            columns_of.append(group.slope)
+            raw.append(_period_slope(base, view, group, value)[:, :, None])
+    if stiffening.NAME in names:
+        columns_of += stiffening.NAMES
+        raw.append(base.response.many(stiffening.columns(view)))
+    own = [nuisance.name for nuisance in base.nuisances]
+    white = _side_by_side(base, raw, 0 if match is None else match.y.shape[1])
+    raw.clear()
+    whitening.whitened_in_place(base.whitened, white, first)
+    rows = base.columns.shape[1]
+    for at, column in on_main.items():
+        white[:, rows:, at] = column
+    values = base.whitened.values if match is None else np.hstack([base.whitened.values, match.y])
+    precision = np.concatenate([base.precision, [_precision(label) for label in columns_of]])
+    found = gram([*own, *columns_of], white, values, base.t, precision)
+    return Regressors(tuple(groups), found, tuple(own), values, white, untestable)
+
+
+def _predicted(
+    base: Baseline, view: LogView, names: Sequence[str], free: Sequence[tuple[Group, FloatArray]],
+    untestable: dict[str, str],
+) -> Iterator[tuple[Group, Sequence[Column]]]:  # fmt: skip
+    """Groups with their columns, one after the other; what cannot be tested, and why, goes into ``untestable``."""
     for name in names:
         kept = [group.shape for group, _ in free if group.effect == name]
         deck = _deck(name, view, free)
@@ -96,23 +135,17 @@ def regressors(
                 untestable.setdefault(name, "the log lacks what it follows (attitude, temperature)")
                 continue
             labels = tuple(f"{name}|{column.parameter}|{_label(shape)}" for column in columns)
-            raw.append(base.response.many(column.signals for column in columns))
-            groups.append(Group(name, labels, tuple(column.parameter for column in columns), shape, deck))
-    columns_of = [label for group in groups for label in group.names]
-    for group, value in free:
-        if "period" in group.shape:
-            columns_of.append(group.slope)
-            raw.append(_period_slope(base, view, group, value)[:, :, None])
-    if stiffening.NAME in names:
-        columns_of += stiffening.NAMES
-        raw.append(base.response.many(stiffening.columns(view)))
-    own = [nuisance.name for nuisance in base.nuisances]
-    stacked = np.concatenate(raw, axis=2) if raw else np.zeros((len(base.t), 9, 0))
-    white = np.concatenate([base.columns, whitening.whiten_columns(base.whitened, stacked)], axis=2)
-    values, white = _with_main(base, view, white, groups)
-    precision = np.concatenate([base.precision, [_precision(label) for label in columns_of]])
-    found = gram([*own, *columns_of], white, values, base.t, precision)
-    return Regressors(tuple(groups), found, tuple(own), values, white, untestable)
+            yield Group(name, labels, tuple(column.parameter for column in columns), shape, deck), columns
+
+
+def _side_by_side(base: Baseline, raw: Sequence[FloatArray], more: int) -> FloatArray:
+    """(N, m + more, K) the baseline's columns (N, m, k) and further ones; rows beyond theirs are zero."""
+    rows, at = base.columns.shape[1], 0
+    out = np.zeros((len(base.t), rows + more, sum(part.shape[2] for part in (base.columns, *raw))))
+    for part in (base.columns, *raw):
+        out[:, :rows, at : at + part.shape[2]] = part[:, :rows]
+        at += part.shape[2]
+    return out
 
 
 def _deck(name: str, view: LogView, free: Sequence[tuple[Group, FloatArray]]) -> Deck | None:
@@ -134,22 +167,6 @@ def _precision(label: str) -> float:
         return 0.0
     declared = {item.name: item for item in effects.get(name).parameters()}
     return 1.0 / (PRIOR_REACH * declared[parameter.partition(".")[0]].prior[1]) ** 2
-
-
-def _with_main(
-    base: Baseline, view: LogView, white: FloatArray, groups: Sequence[Group]
-) -> tuple[FloatArray, FloatArray]:
-    """Innovations and regressors with the main PHINS's channels beside them, where there are any."""
-    match = main_match(base)
-    if match is None:
-        return base.whitened.values, white
-    more, first = np.zeros((len(base.t), 3, white.shape[2])), base.columns.shape[2]
-    for group in groups:
-        for k, column in enumerate(effects.get(group.effect).predict(view, **group.shape)):
-            if column.signals.phins_main is not None:
-                more[:, :, first + k] = main_column(base, match, column.signals)
-        first += len(group.names)
-    return np.hstack([base.whitened.values, match.y]), np.concatenate([white, more], axis=1)
 
 
 def _period_slope(base: Baseline, view: LogView, group: Group, value: FloatArray) -> FloatArray:

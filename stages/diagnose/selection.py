@@ -254,7 +254,7 @@ def _bent(view: LogView, picks: Sequence[Pick]) -> FloatArray:
             continue
         for column, value in zip(kind.predict(view, **pick.group.shape), pick.value, strict=True):
             if column.signals.bending is not None:
-                out += value * column.signals.bending
+                out += value * np.asarray(column.signals.bending)
     return out
 
 
@@ -358,8 +358,9 @@ def against_free_flexure(base: Baseline, picks: Sequence[Pick], columns: FloatAr
 
 def _bending(view: LogView, pick: Pick) -> FloatArray:
     """(n, 1) the bending of an effect that bends all axes alike, per unit about the one it is largest about."""
-    bending = effects.get(pick.group.effect).predict(view, **pick.group.shape)[0].signals.bending
-    assert bending is not None
+    signals = effects.get(pick.group.effect).predict(view, **pick.group.shape)[0].signals
+    assert signals.bending is not None
+    bending = np.asarray(signals.bending)
     return bending[:, [int(np.argmax(np.abs(bending).max(axis=0)))]]
 
 

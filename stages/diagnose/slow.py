@@ -78,7 +78,12 @@ def _logarithms(flexure: FlexureModel) -> FloatArray:
 def waves(t: FloatArray, harmonics: Sequence[int]) -> FloatArray:
     """(n, 2 k) sine and cosine of so many half waves over instants (n,), one harmonic after the other."""
     phase = np.pi * (t - t[0]) / (t[-1] - t[0])
-    return np.stack([function(k * phase) for k in harmonics for function in (np.sin, np.cos)], axis=1)
+    once = np.cos(phase) + 1j * np.sin(phase)
+    out = np.empty((2 * len(harmonics), len(t)))
+    for row, k in enumerate(harmonics):
+        turned = once**k
+        out[2 * row], out[2 * row + 1] = turned.imag, turned.real
+    return out.T
 
 
 def at(seen: Angle, t: FloatArray, columns: FloatArray) -> FloatArray:

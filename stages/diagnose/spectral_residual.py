@@ -14,11 +14,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from scipy import fft
 from scipy.signal import firwin
 
 from physics import matching, quaternions, whittle
 from physics.flexure import driven
+from physics.kalman import FAST
 from physics.units import ARCMIN, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from schemas.errors import DataError
 from schemas.products import Alignment, BoolArray
@@ -147,16 +149,31 @@ def _between(values: FloatArray, place: FloatArray) -> FloatArray:
     """Band-limited interpolation of (n, 3) at fractional indices (k,): a windowed sinc, which keeps white noise."""
     fine = 64  # the filter's own grid, between whose rows it is linear: errors of 1e-4 of the highest frequencies
     taps = firwin(2 * HALF_WIDTH * fine + 1, 1.0 / fine, window=("kaiser", 7.0)) * fine
+    rows = np.arange(fine + 1)[:, None] + fine * np.arange(2 * HALF_WIDTH - 1, -1, -1)
     padded = np.pad(values, ((HALF_WIDTH, HALF_WIDTH), (0, 0)), mode="edge")
+    return np.asarray(_weighted(taps[rows], np.ascontiguousarray(padded.T), place))
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _weighted(weights, padded, place):  # type: ignore[no-untyped-def]
+    """(k, 3) sums of padded (3, n + 2 HALF_WIDTH) around fractional indices; weights (fine + 1, 2 HALF_WIDTH) for the
+    share of a sample by which an index is beyond a whole one."""
+    fine = len(weights) - 1
     out = np.empty((len(place), 3))
-    for begin in range(0, len(place), 8192):
-        part = place[begin : begin + 8192]
-        base = np.floor(part).astype(np.int64)
-        offset = (part - base)[:, None] - np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1)
-        kernel = np.interp(offset * fine, np.arange(-HALF_WIDTH * fine, HALF_WIDTH * fine + 1), taps)
-        rows = base[:, None] + np.arange(1, 2 * HALF_WIDTH + 1)
-        gathered = padded[np.minimum(rows, len(padded) - 1)]
-        out[begin : begin + 8192] = np.einsum("kj,kjc->kc", kernel, gathered)
+    own = np.empty(2 * HALF_WIDTH)
+    for k in range(len(place)):
+        base = int(place[k])
+        share = (place[k] - base) * fine
+        row = min(int(share), fine - 1)
+        share -= row
+        for j in range(2 * HALF_WIDTH):
+            own[j] = weights[row, j] + share * (weights[row + 1, j] - weights[row, j])
+        for c in range(3):
+            near = padded[c, base + 1 : base + 1 + 2 * HALF_WIDTH]
+            total = 0.0
+            for j in range(2 * HALF_WIDTH):
+                total += own[j] * near[j]
+            out[k, c] = total
     return out
 
 

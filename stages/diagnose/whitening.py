@@ -35,7 +35,7 @@ D, VELOCITY, COLOUR, JITTER, JITTER_BEFORE = (
     int(np.flatnonzero(state == KEPT)[0]) for state in (m.D, m.V, m.NABLA, m.JITTER, m.JITTER_BEFORE)
 )
 EDGE_S = 5.0  # s left out at both ends, where interpolation and the filter's start would be tested
-LANES, PIECE = 48, 128  # regressors whitened side by side; steps of them at a time, which the cache holds
+LANES = 48  # regressors whitened side by side
 OUTLIER_SIGMA = 8.0  # an innovation beyond it belongs to an event, not to a regression
 
 
@@ -332,10 +332,12 @@ def spread(column: FloatArray) -> float:
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _columns(e_row, e_col, E, h_col, H, gain, root_S, c, x):  # type: ignore[no-untyped-def]
-    """c (N, m, LANES) is overwritten with the innovations that it makes; x (n, LANES) is the state to begin from and
-    that at the end. Loops over a constant number of lanes are those that the compiler turns into vector code."""
-    steps, rows, _ = c.shape
+def _columns(e_row, e_col, E, h_col, H, gain, root_S, c, first):  # type: ignore[no-untyped-def]
+    """Up to LANES columns of c (N, m, K), from ``first`` on, are overwritten with what they add to the innovations.
+    Loops over a constant number of lanes are those that the compiler turns into vector code."""
+    steps, rows = root_S.shape
+    count = min(LANES, c.shape[2] - first)
+    x = np.zeros((gain.shape[2], LANES))
     dx = np.zeros_like(x)
     nu = np.zeros(LANES)
     for k in range(steps):
@@ -346,11 +348,11 @@ def _columns(e_row, e_col, E, h_col, H, gain, root_S, c, x):  # type: ignore[no-
                 to[q] += value * by[q]
         x += dx
         for i in range(rows):
-            row = c[k, i]
+            row = c[k, i, first : first + count]
             if np.isnan(root_S[k, i]):
                 row[:] = 0.0
                 continue
-            for q in range(LANES):
+            for q in range(count):
                 nu[q] = row[q]
             for a in range(h_col.shape[1]):
                 h, by = H[k, i, a], x[h_col[i, a]]
@@ -361,28 +363,23 @@ def _columns(e_row, e_col, E, h_col, H, gain, root_S, c, x):  # type: ignore[no-
                 for q in range(LANES):
                     to[q] += g * nu[q]
             scale = 1.0 / root_S[k, i]
-            for q in range(LANES):
+            for q in range(count):
                 row[q] = scale * nu[q]
 
 
 def whiten_columns(whitened: Whitened, columns: FloatArray) -> FloatArray:
     """Regressors (N, 9, K) as what they add to the standardised innovations, zero where those are masked."""
+    return whitened_in_place(whitened, np.array(columns[:, : whitened.values.shape[1]], order="C"))
+
+
+def whitened_in_place(whitened: Whitened, columns: FloatArray, first: int = 0) -> FloatArray:
+    """The same in the place of the columns themselves, those from ``first`` on; further rows of them stay."""
     model, filtered = whitened.model, whitened.filtered
-    steps, rows = filtered.innovation.shape
-    out = np.empty((steps, rows, columns.shape[2]))
     root = np.sqrt(filtered.innovation_variance) * whitened.scale
-    for lane in range(0, out.shape[2], LANES):
-        some = slice(lane, min(lane + LANES, out.shape[2]))
-        count = some.stop - lane
-        x = np.zeros((len(model.x0), LANES))
-        for first in range(0, steps, PIECE):
-            part = slice(first, min(first + PIECE, steps))
-            buffer = np.zeros((part.stop - first, rows, LANES))
-            buffer[:, :, :count] = columns[part, :rows, some]
-            _columns(
-                model.transition_row, model.transition_col, model.transition[part], model.measurement_col,
-                model.measurement[part], filtered.gain[part], root[part], buffer, x,
-            )  # fmt: skip
-            out[part, :, some] = buffer[:, :, :count]
-    out[~np.isfinite(whitened.values)] = 0.0
-    return out
+    for lane in range(first, columns.shape[2], LANES):
+        _columns(
+            model.transition_row, model.transition_col, model.transition, model.measurement_col, model.measurement,
+            filtered.gain, root, columns, lane,
+        )  # fmt: skip
+    columns[:, : root.shape[1], first:][~np.isfinite(whitened.values)] = 0.0
+    return columns

@@ -137,6 +137,15 @@ def test_response_is_linear_and_a_static_angle_shifts_z_alone_on_a_still_deck(ba
     np.testing.assert_array_equal(turned[:, 6:], 0.0)
 
 
+@pytest.mark.parametrize("sensor", ["gyro", "accel", "bending", "mount", "phins"])
+def test_many_signals_about_single_axes_add_up_to_the_answer_to_their_sum(bare: Baseline, sensor: str) -> None:
+    values = np.random.default_rng(3).standard_normal((3 * columns.TOGETHER // 2 + 1, len(bare.obs.t)))
+    signals = [columns.OnAxis(k % 3, one) for k, one in enumerate(values)]
+    apart = bare.response.many(Signals(**{sensor: one}) for one in signals)
+    whole = bare.response(Signals(**{sensor: np.sum([np.asarray(one) for one in signals], axis=0)}))
+    np.testing.assert_allclose(apart.sum(axis=2), whole, atol=1e-9 * np.abs(whole).max())
+
+
 def test_slow_signals_are_answered_as_well_at_fewer_instants(bare: Baseline) -> None:
     thin = bare.response.of_slow(0.05)
     assert len(thin.t) < 0.3 * len(bare.obs.t)
