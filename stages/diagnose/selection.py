@@ -177,8 +177,8 @@ def _converged(
         base, found, clean = about(picks, levels, wandering)
         gram, taken = _frozen(found, picks)
         picks, levels = _refined(found, gram, picks, taken), base.levels
-        path = _wandered(base, found, taken) if wandering is not None else None
-        if path and (wandering.path is None or path.turns_from(wandering.path) > TURNED):
+        path = _wandered(base, found, taken) if wandering else None
+        if wandering and path and (wandering.path is None or path.turns_from(wandering.path) > TURNED):
             # Noise found beside the process was its in part, and so its size was found too small.
             wandering, levels = replace(_wander(base, found, picks), path=path), None
         elif _settled(picks):
