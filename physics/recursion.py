@@ -19,7 +19,7 @@ def linear_recursion(
 ) -> FloatArray:
     """x[k+1] = f[which[k]] x[k] + root[which[k]] noise[k] for a state of two; path (n + 1, 2) from start (2,)."""
     path = np.empty((len(which) + 1, 2))
-    path[0] = start
+    path[0, 0], path[0, 1] = start[0], start[1]  # assigned whole it takes seconds to compile, for an error message
     for k in range(len(which)):
         a, b, x = f[which[k]], root[which[k]], path[k]
         u, v = noise[k, 0], noise[k, 1]
