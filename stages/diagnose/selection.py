@@ -221,7 +221,8 @@ def _unworthy(chosen: Selection) -> str | None:
 
 
 def _worth(evidence: float, threshold: float, alone: Mapping[str, float], picks: Sequence[Pick]) -> bool:
-    first = max((alone[pick.group.effect] for pick in picks), default=0.0)
+    lasting = [pick for pick in picks if "time" not in pick.group.shape]  # an event leaves nothing beside its instant
+    first = max((alone[pick.group.effect] for pick in lasting), default=0.0)
     return evidence >= max(threshold, NEGLIGIBLE * first)
 
 
