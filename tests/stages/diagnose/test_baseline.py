@@ -238,7 +238,7 @@ def test_a_wandering_bias_that_was_taken_out_is_put_back_to_first_order(bare: Ba
 def test_a_bias_that_wanders_far_hides_nothing_beside_it() -> None:
     """It turns the units by many arcminutes: without being taken out it would leave noise of second order."""
     trial = log(("gyro_bias_instability", {"std": 40.0, "tau": 60.0}), ("accel_scale_factor", {"y": 2000.0}))
-    library = ("accel_scale_factor", "gyro_temperature", instability.NAME)
+    library = ("accel_scale_factor", instability.NAME)
     found = select(trial, TWIN, align(believed(trial, TWIN).trial), np.random.default_rng(0), library)
     assert [pick.group.effect for pick in found.picks] == ["accel_scale_factor"]
     assert found.wandering is not None
