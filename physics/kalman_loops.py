@@ -176,6 +176,26 @@ def forward(
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
+def _smooth_mean(x: FloatArray, P: FloatArray, out: IndexArray, adjoint: FloatArray, smoothed: FloatArray) -> None:
+    """smoothed (o,) <- x - P adjoint of the states ``out``, whose rows of P (o, n) are given."""
+    for a in range(len(out)):
+        value = x[out[a]]
+        for j in range(len(x)):
+            value -= P[a, j] * adjoint[j]
+        smoothed[a] = value
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _carry_back(e_row: IndexArray, e_col: IndexArray, E: FloatArray, adjoint: FloatArray, shift: FloatArray) -> None:
+    """adjoint <- (I + E)^T adjoint; shift (n,) is scratch."""
+    for j in range(len(shift)):
+        shift[j] = 0.0
+    for a in range(len(e_row)):
+        shift[e_col[a]] += E[a] * adjoint[e_row[a]]
+    adjoint += shift
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
 def backward(
     e_row: IndexArray,
     e_col: IndexArray,
@@ -209,11 +229,7 @@ def backward(
     P_s = np.zeros((steps, o, o))
     PL = np.zeros((o, n))
     for k in range(steps - 1, -1, -1):
-        for a in range(o):
-            value = xs[k, out[a]]
-            for j in range(n):
-                value -= P_out[k, a, j] * adjoint[j]
-            x_s[k, a] = value
+        _smooth_mean(xs[k], P_out[k], out, adjoint, x_s[k])
         if k % stride == 0 or k == steps - 1:
             np.dot(P_out[k], information, PL)
             for a in range(o):
@@ -257,11 +273,7 @@ def backward(
             put(other[i], one[m + i])
         _add_products(information, one, other)
         # adjoint <- (I + E)^T adjoint, information <- (I + E)^T information (I + E)
-        for j in range(n):
-            shift[j] = 0.0
-        for a in range(len(e_row)):
-            shift[e_col[a]] += E[k, a] * adjoint[e_row[a]]
-        adjoint += shift
+        _carry_back(e_row, e_col, E[k], adjoint, shift)
         _predict(information, E[k], e_row, e_entries, first, W, W_T, G)
     return x_s, P_s
 
@@ -288,11 +300,7 @@ def backward_means(
     shift = np.zeros(n)
     x_s = np.zeros((steps, o))
     for k in range(steps - 1, -1, -1):
-        for a in range(o):
-            value = xs[k, out[a]]
-            for j in range(n):
-                value -= P_out[k, a, j] * adjoint[j]
-            x_s[k, a] = value
+        _smooth_mean(xs[k], P_out[k], out, adjoint, x_s[k])
         for i in range(m - 1, -1, -1):
             if np.isnan(nu[k, i]):
                 continue
@@ -301,9 +309,5 @@ def backward_means(
                 dot += gain[k, i, j] * adjoint[j]
             for a in range(h_col.shape[1]):
                 adjoint[h_col[i, a]] -= H[k, i, a] * dot
-        for j in range(n):
-            shift[j] = 0.0
-        for a in range(len(e_row)):
-            shift[e_col[a]] += E[k, a] * adjoint[e_row[a]]
-        adjoint += shift
+        _carry_back(e_row, e_col, E[k], adjoint, shift)
     return x_s

@@ -167,8 +167,7 @@ def _gathered(trial: Trial, twin: Twin, names: tuple[str, ...], rng: np.random.G
     clean = chosen.clean
     if early:  # spectra tell a cutoff and a line best as they were recorded
         clean = compensate(calm, [pick.effect for pick in chosen.picks], twin).trial
-        if chosen.wandering is not None and chosen.wandering.path is not None:
-            clean = chosen.wandering.path.taken_from(clean)
+        clean = chosen.wandering.taken_from(clean) if chosen.wandering else clean
     whole = spectra.residual(clean, aligned, twin, ASTRAY)
     slams, found = events.examine(whole, twin)
     residual = _linear(events.without(whole, found), chosen)

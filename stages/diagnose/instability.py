@@ -63,6 +63,10 @@ class Wander:
     by_axis: FloatArray
     path: Path | None = None
 
+    def taken_from(self, trial: Trial) -> Trial:
+        """A log without its path, as far as there is one."""
+        return trial if self.path is None else self.path.taken_from(trial)
+
 
 @dataclass(frozen=True)
 class Path:

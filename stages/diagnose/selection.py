@@ -207,7 +207,7 @@ def _wander(base: Baseline, found: Regressors, picks: Sequence[Pick]) -> Wander:
     kept = [k for k in _with(found, picks) if not found.gram.names[k].startswith(PROCESS)]
     kept += [k for k, name in enumerate(found.nuisances) if name.startswith("impulse")]
     width = base.whitened.values.shape[1]
-    cosines = [k for k in _process(found) if "mean" not in found.nuisances[k]]
+    cosines = _process(found)[:-3]  # its means stand last
     made = instability.Basis.of(base, found.columns[:, :width, cosines]) if cosines else instability.basis(base)
     return instability.wander(base, made, found.columns[:, :width, kept], found.gram.precision[kept])
 
@@ -233,8 +233,7 @@ def _about(
     """Baseline, regressors and log with the picks taken out."""
     named = [pick.effect for pick in picks]
     clean = compensate(trial, named, twin).trial if picks else trial
-    if wandering is not None and wandering.path is not None:
-        clean = wandering.path.taken_from(clean)
+    clean = wandering.taken_from(clean) if wandering else clean
     arm = reduce(lambda changed, effect: effect.twin(changed), named, twin).mount.lever_arm
     source = believed(clean, section(twin, "mount", lever_arm=arm), lagging, flexure)
     base = baseline(source, coarse, levels)
