@@ -227,8 +227,12 @@ def _before_mean_effects(
     and a vibration, which would make their noise larger."""
     early = [name for name in ("gyro_bandwidth", "narrowband_vibration") if name in names]
     named = [c.finding for c in spectra.examine(residual, twin, names=early) if c.named] if early else []
-    low_pass = tuple(finding for finding in named if finding.name == "gyro_bandwidth")
-    return low_pass, tuple(finding for finding in named if finding not in low_pass)
+    humming = tuple(finding for finding in named if finding.name != "gyro_bandwidth")
+    if len(humming) == len(named):
+        return (), humming
+    # Its cutoff is right only beside what else bends the spectra.
+    _, joint = _spectral(residual, twin, names, (), ("gyro_bandwidth",))
+    return tuple(finding for finding in joint.findings if finding.name == "gyro_bandwidth"), humming
 
 
 def _surely_wild(candidates: tuple[Candidate, ...], found: events.Found) -> events.Found:

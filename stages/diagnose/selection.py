@@ -146,7 +146,9 @@ def select(
         if not alone:
             alone = {name: score for name, (score, _) in scored.items()}
             alone |= {instability.NAME: moved.evidence} if moved else {}
-        doubts |= _doubted(base, found, gram, picks, scored, thresholds)
+        doubted = _doubted(base, found, gram, picks, scored, thresholds)
+        doubts |= doubted
+        scored = _beside(found, gram, picks, scored, [n for n, nats in doubted.items() if nats >= thresholds[n]])
         scored = {name: (min(score, doubts.get(name, score)), group) for name, (score, group) in scored.items()}
         best = max(scored, key=lambda name: scored[name][0] - thresholds.get(name, FLOOR_NATS), default=None)
         told = scored[best][0] if best is not None else -np.inf
@@ -175,15 +177,15 @@ def _converged(
     are."""
     for _ in range(ROUNDS):
         base, found, clean = about(picks, levels, wandering)
-        gram, taken = _frozen(found, picks)
-        picks, levels = _refined(found, gram, picks, taken), base.levels
+        taken = _fitted(found, picks)
+        picks, levels = _refined(found, _frozen(found, taken), picks), base.levels
         path = _wandered(base, found, taken) if wandering else None
         if wandering and path and (wandering.path is None or path.turns_from(wandering.path) > TURNED):
             # Noise found beside the process was its in part, and so its size was found too small.
             wandering, levels = replace(_wander(base, found, picks), path=path), None
         elif _settled(picks):
             break
-    return base, found, clean, gram, picks, wandering
+    return base, found, clean, _frozen(found, taken, picks), picks, wandering
 
 
 def _wandered(base: Baseline, found: Regressors, value: FloatArray) -> Path:
@@ -221,8 +223,8 @@ def _unworthy(chosen: Selection) -> str | None:
 
 
 def _worth(evidence: float, threshold: float, alone: Mapping[str, float], picks: Sequence[Pick]) -> bool:
-    lasting = [pick for pick in picks if "time" not in pick.group.shape]  # an event leaves nothing beside its instant
-    first = max((alone[pick.group.effect] for pick in lasting), default=0.0)
+    # An event leaves nothing beside its instant.
+    first = max((alone[pick.group.effect] for pick in _lasting(picks)), default=0.0)
     return evidence >= max(threshold, NEGLIGIBLE * first)
 
 
@@ -258,12 +260,30 @@ def _bent(view: LogView, picks: Sequence[Pick]) -> FloatArray:
     return out
 
 
-def _frozen(found: Regressors, picks: Sequence[Pick]) -> tuple[Gram, FloatArray]:
-    """False gyro samples fitted once and subtracted, because blocks that do not hold them know nothing of them."""
+def _fitted(found: Regressors, picks: Sequence[Pick]) -> FloatArray:
+    """(K,) of all nuisances and picks, fitted to the whole log; zero for what is neither."""
     chosen = [*range(len(found.nuisances)), *found.gram.index(_named(found, picks))]
-    value = solve(found.gram.total, found.gram.precision, chosen).value
-    impulse = [k for k, name in enumerate(found.nuisances) if name.startswith("impulse")]
-    return shifted(found.gram, impulse, -value[impulse]), value
+    value = np.zeros(len(found.gram.names))
+    value[chosen] = solve(found.gram.total, found.gram.precision, chosen).value
+    return value
+
+
+def _frozen(found: Regressors, value: FloatArray, events: Sequence[Pick] = ()) -> Gram:
+    """False gyro samples and the events among the picks subtracted as they were fitted (K,) to the whole log, because
+    blocks that do not hold them know nothing of them."""
+    impulses = [k for k, name in enumerate(found.nuisances) if name.startswith("impulse")]
+    places = [*impulses, *found.gram.index(_named(found, _passing(events)))]
+    return shifted(found.gram, places, -value[places])
+
+
+def _passing(picks: Sequence[Pick]) -> list[Pick]:
+    """The events among the picks."""
+    return [pick for pick in picks if "time" in pick.group.shape]
+
+
+def _lasting(picks: Sequence[Pick]) -> list[Pick]:
+    """Those that are no events."""
+    return [pick for pick in picks if "time" not in pick.group.shape]
 
 
 def _kept(found: Regressors, pick: Pick) -> Group:
@@ -286,7 +306,7 @@ def _with(found: Regressors, picks: Sequence[Pick]) -> list[int]:
     return [*_nuisances(found), *found.gram.index(_named(found, picks))]
 
 
-def _refined(found: Regressors, gram: Gram, picks: Sequence[Pick], taken: FloatArray) -> tuple[Pick, ...]:
+def _refined(found: Regressors, gram: Gram, picks: Sequence[Pick]) -> tuple[Pick, ...]:
     """What was taken out plus what is found now."""
     chosen = _with(found, picks)
     fit = solve(gram.total, gram.precision, chosen)
@@ -318,7 +338,7 @@ def _with_deck(gram: Gram, beside: Sequence[int], pick: Pick) -> Pick:
 
 def _scored(found: Regressors, gram: Gram, picks: Sequence[Pick]) -> dict[str, tuple[float, Group]]:
     """Held-out nats of the best shape of every effect that is not picked yet, on top of the picks."""
-    base = _with(found, picks)
+    base = _with(found, _lasting(picks))
     out: dict[str, tuple[float, Group]] = {}
     for group in found.groups:
         if any(pick.group.effect == group.effect for pick in picks):
@@ -342,6 +362,22 @@ def _doubted(
         pick = _picked(base, found, gram, picks, scored[name][1])
         numbers = len(pick.value) + len(pick.group.shape)
         out[name] = against_free_flexure(base, picks, _bending(view_of(base), pick), numbers)
+    return out
+
+
+def _beside(
+    found: Regressors, gram: Gram, picks: Sequence[Pick], scored: Mapping[str, tuple[float, Group]],
+    bending: Sequence[str],
+) -> dict[str, tuple[float, Group]]:  # fmt: skip
+    """Weaker effects count for what they have beside slow bending: what that has is told against free flexure, and what
+    a constant would gain of it is not."""
+    base, out = _with(found, _lasting(picks)), dict(scored)
+    for name in bending:
+        told, group = scored[name]
+        kept = [*base, *gram.index(group.names)]
+        for rival, (score, other) in scored.items():
+            if score < told:
+                out[rival] = (min(out[rival][0], _score(found, gram, kept, other)), other)
     return out
 
 
@@ -408,7 +444,7 @@ def event_evidence(found: Regressors, base: Sequence[int], group: Group) -> floa
 
 def _thresholds(found: Regressors, gram: Gram, picks: Sequence[Pick], rng: np.random.Generator) -> dict[str, float]:
     """The floor, or more where white noise in this very log reaches more by chance."""
-    base = _with(found, picks)
+    base = _with(found, _lasting(picks))
     length = float(found.gram.edges[-1] - found.gram.edges[0])
     # What linearisation and the motion's model miss grows with the record, as evidence does.
     floor = FLOOR_NATS * max(1.0, length / FLOOR_S)
@@ -421,7 +457,7 @@ def _thresholds(found: Regressors, gram: Gram, picks: Sequence[Pick], rng: np.ra
 
 
 def _picked(base: Baseline, found: Regressors, gram: Gram, picks: Sequence[Pick], group: Group) -> Pick:
-    kept, k = _with(found, picks), len(group.names)
+    kept, k = _with(found, _lasting(picks)), len(group.names)
     if "time" in group.shape:
         impulses = [i for i, name in enumerate(found.nuisances) if name.startswith("impulse")]
         fit = solve(found.gram.total, found.gram.precision, [*kept, *impulses, *found.gram.index(group.names)])
@@ -436,21 +472,26 @@ def _finished(
     picks: tuple[Pick, ...], base: Baseline, found: Regressors, clean: Trial, alone: Mapping[str, float],
     thresholds: Mapping[str, float], wandering: Wander | None, doubts: Mapping[str, float],
 ) -> Selection:  # fmt: skip
-    gram, _ = _frozen(found, picks)
-    places = found.gram.index([name for pick in picks for name in _kept(found, pick).names])
-    taken = np.concatenate([pick.taken for pick in picks]) if picks else np.zeros(0)
-    restored = shifted(gram, places, taken)  # as the twin alone leaves the log
+    fitted, lasting = _fitted(found, picks), _lasting(picks)
+    gram = _frozen(found, fitted, picks)
+    calm = _restored(found, gram, lasting)
     evidence = {}
     for pick in picks:
-        others = [other for other in picks if other is not pick]
-        group = _kept(found, pick)
-        if "time" in group.shape:
-            evidence[pick.group.effect] = alone[pick.group.effect]
+        if pick in lasting:
+            others = [other for other in lasting if other is not pick]
+            evidence[pick.group.effect] = nats_of(calm, _with(found, others), _kept(found, pick))
         else:
-            evidence[pick.group.effect] = nats_of(restored, _with(found, others), group)
+            evidence[pick.group.effect] = alone[pick.group.effect]
     for name, (score, _) in _scored(found, gram, picks).items():
         evidence[name] = min(score, doubts.get(name, score))
     if wandering is not None:
         wandering = replace(_wander(base, found, picks), path=wandering.path)
         evidence[instability.NAME] = wandering.evidence
+    restored = _restored(found, _frozen(found, fitted), picks)
     return Selection(picks, base, found, restored, evidence, alone, thresholds, clean, wandering)
+
+
+def _restored(found: Regressors, gram: Gram, picks: Sequence[Pick]) -> Gram:
+    """With y as it was before the picks were taken out of the log."""
+    places = found.gram.index([name for pick in picks for name in _kept(found, pick).names])
+    return shifted(gram, places, np.concatenate([np.zeros(0), *(pick.taken for pick in picks)]))

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 from scipy import fft
-from scipy.signal import firwin
+from scipy.signal import firwin, oaconvolve
 
 from physics import matching, quaternions, whittle
 from physics.flexure import driven
@@ -36,6 +36,7 @@ HALF_WIDTH = 32  # samples on either side, of the interpolation of the main IMU
 ON_GRID = 1e-3  # samples; closer than this the stamps of both units fall together
 WAVES_HZ = (0.02, 1.0)  # band of the regression on the ship's motion
 COARSE_HZ = 5.0  # rate at which that regression is done
+SMOOTH_HZ, SMOOTH_S = 2.0, 2.0  # corner and length of the low-pass of the ship's motion before a lag of it is taken out
 LAG = 12  # its column of the lag
 PASSES = 2  # of integrating theta and taking it out
 
@@ -199,14 +200,15 @@ def _cleaned(
     seen: FloatArray, omega: FloatArray, interval: float, twin: Twin, astray: float
 ) -> tuple[FloatArray, FloatArray, float, float]:
     """Rate without w x theta and without what is proportional to the ship's motion; theta; lag and its std."""
-    attitude = _attitude(omega, interval)
+    attitude, slope = _attitude(omega, interval), _slope(omega, interval)
     rate, theta = seen, np.zeros_like(seen)
     for _ in range(PASSES):
-        motion, lag, lag_std = _motion(seen - quaternions.cross(omega, theta), omega, attitude, interval, twin, astray)
+        bent = seen - quaternions.cross(omega, theta)
+        motion, lag, lag_std = _motion(bent, omega, slope, attitude, interval, twin, astray)
         rate = seen - motion
         theta = _integrated(rate, attitude, interval)
     rate = rate - quaternions.cross(omega, theta)
-    left, _, _ = _motion(rate, omega, attitude, interval, twin, astray)
+    left, _, _ = _motion(rate, omega, slope, attitude, interval, twin, astray)
     return rate - left, theta, lag, lag_std
 
 
@@ -231,15 +233,15 @@ def _integrated(rate: FloatArray, attitude: FloatArray, interval: float) -> Floa
 
 
 def _motion(
-    rate: FloatArray, omega: FloatArray, attitude: FloatArray, interval: float, twin: Twin,
-    astray: float = np.inf,
+    rate: FloatArray, omega: FloatArray, slope: FloatArray, attitude: FloatArray, interval: float, twin: Twin,
+    astray: float,
 ) -> tuple[FloatArray, float, float]:  # fmt: skip
     """The part (n, 3) of a rate in proportion to the ship's motion, and the lag of it, s, and its std. astray: of E."""
     every = max(1, int(1.0 / (COARSE_HZ * interval)))
     coarse, spacing = _means(rate, every), every * interval
     time = _means(_clock(len(rate)), every)
     middle = attitude[every // 2 :: every][: len(coarse)]
-    design = _columns(_means(omega, every), _means(_slope(omega, interval), every), time, middle)
+    design = _columns(_means(omega, every), _means(slope, every), time, middle)
     weights = _weights(len(coarse), spacing, twin)
     whitened = fft.rfft(coarse, axis=0) * weights
     spectra = np.stack([fft.rfft(column, axis=0) * weights for column in design]).reshape(len(design), -1)
@@ -250,16 +252,16 @@ def _motion(
     scaled = matrix / scale / scale[:, None] + 1e-9 * np.eye(len(scale))
     solution = np.linalg.solve(scaled, right / scale) / scale
     spread = np.sqrt(len(coarse) * np.linalg.inv(scaled)[LAG, LAG] / 2.0) / scale[LAG]
-    return _predicted(solution, omega, attitude, interval), float(solution[LAG]), float(spread)
+    return _predicted(solution, omega, slope, attitude), float(solution[LAG]), float(spread)
 
 
-def _predicted(x: FloatArray, omega: FloatArray, attitude: FloatArray, interval: float) -> FloatArray:
+def _predicted(x: FloatArray, omega: FloatArray, slope: FloatArray, attitude: FloatArray) -> FloatArray:
     """What the coefficients (20,) of ``_columns`` say at full rate, (n, 3)."""
     time = _clock(len(omega))
     astray = x[9:12] * time + _back(attitude, np.broadcast_to(x[14:17], omega.shape))
     astray += _back(attitude, _lasting(attitude, np.broadcast_to(x[17:20], omega.shape)))
     turned = quaternions.cross(omega, astray)
-    return omega @ x[:9].reshape(3, 3).T + turned - (x[LAG] + x[LAG + 1] * time) * _slope(omega, interval)
+    return omega @ x[:9].reshape(3, 3).T + turned - (x[LAG] + x[LAG + 1] * time) * slope
 
 
 def _columns(omega: FloatArray, slope: FloatArray, time: FloatArray, attitude: FloatArray) -> FloatArray:
@@ -293,9 +295,13 @@ def _clock(n: int) -> FloatArray:
 
 
 def _slope(omega: FloatArray, interval: float) -> FloatArray:
-    out = np.zeros_like(omega)
-    out[1:-1] = (omega[2:] - omega[:-2]) / (2.0 * interval)
-    return out
+    """(n, 3) rad/s^2, how the ship's rate changes, without the noise of the gyros: a lag of a hundredth of a second
+    would put that into the spectra at 20 to 40 Hz, as large as it is itself."""
+    half = int(0.5 * SMOOTH_S / interval)
+    taps = firwin(2 * half + 1, min(SMOOTH_HZ * interval, 0.4), fs=1.0)
+    padded = np.pad(omega, ((half + 1, half + 1), (0, 0)), mode="edge")
+    smooth = oaconvolve(padded, taps[:, None], mode="valid", axes=0)
+    return np.asarray((smooth[2:] - smooth[:-2]) / (2.0 * interval))
 
 
 def _means(values: FloatArray, every: int) -> FloatArray:
