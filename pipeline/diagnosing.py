@@ -14,7 +14,7 @@ from pipeline.files import staged, writing
 from pipeline.one_log import Progress, Steps
 from pipeline.provenance import deckflex_version, sha256_of
 from pipeline.publishing import now, recording, save_page
-from schemas.diagnosis import Diagnosis, Errors, Finding, ParameterEstimate, Place, Transfer
+from schemas.diagnosis import Diagnosis, Errors, Finding, ParameterEstimate, Place, Section, Transfer
 from schemas.errors import DataError
 
 SEED = 0  # of the replays behind thresholds, intervals and RMSE rows: the same log gives the same report
@@ -83,6 +83,14 @@ def report_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "transfer": None if diagnosis.transfer is None else _transfer(diagnosis.transfer),
         "notes": list(diagnosis.notes),
         "duration_s": diagnosis.duration_s,
+        "sections": [_section(one) for one in diagnosis.sections],
+    }  # fmt: skip
+
+
+def _section(one: Section) -> dict[str, Any]:
+    return {
+        "begin_s": one.begin_s, "end_s": one.end_s, "verdict": None if one.verdict is None else str(one.verdict),
+        "effects": [{"name": name, "evidence_nats": nats} for name, nats in one.effects], "problem": one.problem,
     }  # fmt: skip
 
 

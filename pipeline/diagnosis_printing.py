@@ -26,11 +26,24 @@ def diagnosis_report(diagnosis: Diagnosis) -> list[object]:
         f"{diagnosis.log} against {diagnosis.twin}, {diagnosis.duration_s:.0f} s",
         f"{words.HEADLINES[diagnosis.verdict]} {words.sentence(diagnosis)}",
     ]
-    tables = (ranked_table, parameter_table, shrinkage_table, error_table)
+    tables = (section_table, ranked_table, parameter_table, shrinkage_table, error_table)
     for made in (table(diagnosis) for table in tables):
         parts += ["", made] if made is not None else []
     lines = list(_lines(diagnosis))
     return [*parts, *(["", *lines] if lines else [])]
+
+
+def section_table(diagnosis: Diagnosis) -> Table | None:
+    """What every section of a long record says."""
+    rows = words.sections(diagnosis)
+    if not rows:
+        return None
+    table = plain_table(*words.SECTION_HEADER)
+    for column in table.columns:
+        column.justify = "left"
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def ranked_table(diagnosis: Diagnosis) -> Table | None:

@@ -190,12 +190,24 @@ class Trace:
 
 
 @dataclass(frozen=True)
+class Section:
+    """What one section of a long record says. begin_s, end_s: s since the epoch of the trial. verdict: None where it
+    could not be compared with the twin, and problem says why. effects: names with their evidence, nats."""
+
+    begin_s: float
+    end_s: float
+    verdict: Verdict | None
+    effects: tuple[tuple[str, float], ...] = ()
+    problem: str = ""
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """Where the gap lies, what causes it, how far it shrinks; what could not be told.
 
     tested: every effect of the library, strongest first. untestable: effect to reason. augmented_twin: TOML text of
     the twin with the effects. comparisons: runner-up and placebo. notes: what a reader should distrust. transfer: of
-    what has no name, where anything has none.
+    what has no name, where anything has none. sections: of a record too long to be diagnosed whole.
     """
 
     log: str
@@ -216,3 +228,4 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     duration_s: float = 0.0
     transfer: Transfer | None = None
+    sections: tuple[Section, ...] = ()

@@ -164,6 +164,20 @@ def _look_alike(finding: Finding) -> str:
     return f"{finding.name} looks the same in this log as {', '.join(told)}"
 
 
+SECTION_HEADER = ("section", "verdict", "named [nats]")
+
+
+def sections(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
+    """Times, verdict and named effects of every section of a long record."""
+    rows = []
+    for one in diagnosis.sections:
+        when = f"{one.begin_s / 3600.0:.1f} to {one.end_s / 3600.0:.1f} h"
+        verdict = "not diagnosed" if one.verdict is None else str(one.verdict).replace("_", " ")
+        named = "; ".join(f"{name} {nats(evidence)}" for name, evidence in one.effects)
+        rows.append((when, verdict, named or one.problem))
+    return rows
+
+
 def shrinkage(diagnosis: Diagnosis) -> list[tuple[str, Gap]]:
     """The answer's gap and those of what is not the answer, by what they are."""
     answer = ", ".join(finding.name for finding in diagnosis.effects) or "nothing named"

@@ -34,6 +34,7 @@ def diagnosis_page(diagnosis: Diagnosis, provenance: Mapping[str, str], made: st
         ),
         section("What to do next", bullets(diagnosis.advice)),
         section("What was found", *(_finding(finding) for finding in diagnosis.effects)),
+        section("Section by section", _sections(diagnosis)),
         section("How far the gap shrinks", _shrinkage(diagnosis)),
         section("The estimate on log and twin", _errors(diagnosis)),
         section("Where the gap lies", _places(diagnosis), *_maps(diagnosis.localisation)),
@@ -62,6 +63,11 @@ def _finding(finding: Finding) -> Html:
             paragraph(finding.advice) if finding.advice else None,
         ]
     )
+
+
+def _sections(d: Diagnosis) -> Html:
+    rows = words.sections(d)
+    return table(list(words.SECTION_HEADER), rows, class_="words") if rows else join([])
 
 
 def _shrinkage(d: Diagnosis) -> Html:
