@@ -2,9 +2,10 @@
 
 import ast
 import re
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from statistics import median, quantiles
+from typing import NamedTuple
 
 import pytest
 
@@ -34,32 +35,42 @@ relative = [str(path.relative_to(ROOT)) for path in SOURCES]
 every_source = pytest.mark.parametrize("path", SOURCES, ids=relative)
 
 
-def imported(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            yield node.module or ""
+class Source(NamedTuple):
+    """What the rules ask of a file, read once."""
+
+    imported: list[str]
+    called: list[str]
+    functions: list[int]  # their lines
 
 
-def called(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Call):
-            yield ast.unparse(node.func)
+@cache
+def source(path: Path) -> Source:
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    return Source(
+        [name for node in nodes for name in imports(node, path)],
+        [ast.unparse(node.func) for node in nodes if isinstance(node, ast.Call)],
+        [length(node) for node in nodes if isinstance(node, ast.FunctionDef)],
+    )
 
 
-def functions(path: Path) -> Iterator[tuple[str, int]]:
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.FunctionDef):
-            body = node.body[1:] if ast.get_docstring(node) else node.body
-            yield node.name, (body[-1].end_lineno - body[0].lineno + 1) if body else 1
+def imports(node: ast.AST, path: Path) -> list[str]:
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        assert node.level == 0, f"{path}: relative import"
+        return [node.module or ""]
+    return []
+
+
+def length(node: ast.FunctionDef) -> int:
+    body = node.body[1:] if ast.get_docstring(node) else node.body
+    return (body[-1].end_lineno - body[0].lineno + 1) if body else 1
 
 
 @every_source
 def test_imports_run_downwards(path):
     package = path.relative_to(ROOT).parts[0]
-    ours = {name.split(".")[0] for name in imported(path)} & set(PACKAGES)
+    ours = {name.split(".")[0] for name in source(path).imported} & set(PACKAGES)
     assert ours <= MAY_IMPORT[package]
 
 
@@ -67,23 +78,23 @@ def test_imports_run_downwards(path):
 def test_a_stage_does_not_import_another_stage(path):
     folders = {folder.name for folder in (ROOT / "stages").iterdir() if folder.is_dir()}
     own = path.relative_to(ROOT).parts[1]
-    others = {name.split(".")[1] for name in imported(path) if name.startswith("stages.")} & folders - {own}
+    others = {name.split(".")[1] for name in source(path).imported if name.startswith("stages.")} & folders - {own}
     assert own in MAY_IMPORT_STAGES or not others
 
 
 @pytest.mark.parametrize("path", [p for p in SOURCES if p.relative_to(ROOT).parts[0] in {"physics", "twin", "stages"}])
 def test_physics_twin_and_stages_have_no_clock_and_print_nothing(path):
-    assert not {name.split(".")[0] for name in imported(path)} & IMPURE
-    assert not set(called(path)) & {"print", "np.random.seed", "numpy.random.seed"}
+    assert not {name.split(".")[0] for name in source(path).imported} & IMPURE
+    assert not set(source(path).called) & {"print", "np.random.seed", "numpy.random.seed"}
     if "publish" not in path.parts:
-        assert "rerun" not in {name.split(".")[0] for name in imported(path)}
+        assert "rerun" not in {name.split(".")[0] for name in source(path).imported}
 
 
 @pytest.mark.parametrize("path", [p for p in SOURCES if p.relative_to(ROOT).parts[0] in {"physics", "stages"}])
 def test_only_decode_and_publish_open_files(path):
     folder = "/".join(path.relative_to(ROOT).parts[:2])
     if folder not in MAY_TOUCH_FILES:
-        assert not [name for name in called(path) if name == "open" or name.endswith((".open", ".write_text"))]
+        assert not [name for name in source(path).called if name == "open" or name.endswith((".open", ".write_text"))]
 
 
 @every_source
@@ -92,7 +103,7 @@ def test_files_stay_short(path):
 
 
 def test_functions_stay_small():
-    lengths = [length for path in SOURCES for _, length in functions(path)]
+    lengths = [lines for path in SOURCES for lines in source(path).functions]
     assert median(lengths) <= 9
     assert quantiles(lengths, n=10)[-1] <= 25
 
