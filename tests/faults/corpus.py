@@ -16,7 +16,7 @@ from tests.faults.channels import MAIN, SUB, everywhere, gap, on, without
 from tests.faults.outcomes import Answered, Refused
 
 PAIR = (MAIN, SUB)
-CHUNK = 100_000  # bytes: some tens of chunks
+CHUNK = 100_000  # bytes: some tens of chunks of the file that is damaged
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Damaged:
         assert self.channels is not None
         mutable = dict(tables)
         self.channels(mutable)
-        write_log(path, list(mutable.values()), chunk_bytes=CHUNK)
+        write_log(path, list(mutable.values()))
 
 
 def file(mutation: ct.Bytes) -> Damaged:
