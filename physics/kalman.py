@@ -106,10 +106,11 @@ def _by_row(rows: IndexArray) -> tuple[IndexArray, int]:
 
 def run_filter(model: SparseModel, out: IndexArray, keep: bool = True) -> Filtered:
     """Filter; ``out`` names the states whose covariance rows are kept, ``keep=False`` keeps the likelihood alone."""
+    # The noise lies in memory as its maker left it; for every other layout the loop would be compiled anew.
     x, P_out, innovation, S, gain, x_last, P_last, log_likelihood = forward(
         model.transition_row, model.transition_col, model.transition, *_by_row(model.transition_row),
-        model.noise_row, model.noise_col, model.noise, model.measurement_col, model.measurement, model.z,
-        model.variance, model.x0, model.P0, out, keep,
+        model.noise_row, model.noise_col, np.ascontiguousarray(model.noise), model.measurement_col, model.measurement,
+        model.z, model.variance, model.x0, model.P0, out, keep,
     )  # fmt: skip
     return Filtered(out, x, P_out, innovation, S, gain, x_last, P_last, log_likelihood)
 

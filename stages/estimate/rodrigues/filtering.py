@@ -106,8 +106,9 @@ def _prior(alignment: Alignment, flexure: FlexureModel, rig: Rig, coarse: float)
 
 def run(data: Matching, flexure: FlexureModel, given: Setup, tuned: Tuning) -> Filtered:
     """Filter all samples. Raises DataError, with the time, when the filter breaks down, as (51) as printed does."""
+    force = np.ascontiguousarray(data.force)  # it comes in several layouts; the filter would be compiled for each
     kept, covariance, innovation, variance, x, P = kernel.run(
-        data.dt, data.q_m, data.q_s, data.omega, data.omega_dot, data.force, data.W_s, data.z, data.sums, data.good,
+        data.dt, data.q_m, data.q_s, data.omega, data.omega_dot, force, data.W_s, data.z, data.sums, data.good,
         data.jump, data.lever_block, flexure.damping, flexure.stiffness, given.q, given.R, given.x0, given.P0,
         tuned.mpf_weight, tuned.kernel_width, FLOOR_PRINTED if tuned.printed else FLOOR, tuned.printed,
     )  # fmt: skip
