@@ -23,14 +23,14 @@ from tests.stages.diagnose import simulated
 from tests.stages.diagnose.simulated import part, with_gap, without_aids
 from twin import effects, parse_twin, with_run
 
-TWIN = with_run(simulated.TWIN, duration=240.0)
+TWIN = with_run(simulated.TWIN, duration=180.0)
 log = partial(simulated.log, of=TWIN)
 
 DELAY = ("time_delay", {"delay": 0.001})
 SCALE = ("gyro_scale_factor", {"x": 400.0, "z": -600.0})
 LEVER = ("lever_arm", {"x": 0.1, "z": -0.05})
 MODE = ("second_mode", {"damping": 0.3, "frequency": 4.0, "std_arcmin": 0.4, "axis": "y"})
-STEP = ("misalignment_step", {"x": 1.0, "z": 2.0, "time": 170.0})
+STEP = ("misalignment_step", {"x": 1.0, "z": 2.0, "time": 125.0})
 
 
 @lru_cache
@@ -46,7 +46,7 @@ CASES = {
     "mode": lambda: log(MODE),
     "gyros": lambda: without_aids(log(DELAY)),
     "not in the library": lambda: log(DELAY),
-    "gap": lambda: with_gap(log(SCALE), 140.0, 170.0),
+    "gap": lambda: with_gap(log(SCALE), 100.0, 130.0),
     "step": lambda: log(STEP),
 }
 FEW = ("time_delay", "gyro_scale_factor", "accel_bias", "lever_arm", "heel_bending")
