@@ -15,6 +15,7 @@ from pipeline.files import check_targets, staged, writing
 from pipeline.one_log import LogRun, Progress, Steps
 from schemas.errors import DataError
 from stages.publish import OWN_TOPICS
+from stages.slabs import beside
 
 Writer = Callable[[Path], None]
 
@@ -59,7 +60,8 @@ def write_outputs(run: LogRun, outputs: Outputs, progress: Progress | None = Non
     }
     steps = Steps(progress, dict(run.seconds))
     with steps.step("write"):
-        written = _write_all(outputs.files, writers, lambda: _write_parquet(run, outputs.parquet))
+        at_a_time = beside(len(run.result.deformation.stamp))
+        written = _write_all(outputs.files, writers, lambda: _write_parquet(run, outputs.parquet), at_a_time)
     return replace(run, seconds=steps.seconds), written
 
 
@@ -93,16 +95,16 @@ def now() -> str:
 
 
 def _write_all(
-    files: Mapping[str, Path], writers: Mapping[str, Writer], others: Callable[[], dict[str, str]]
+    files: Mapping[str, Path], writers: Mapping[str, Writer], others: Callable[[], dict[str, str]], at_a_time: int = 2
 ) -> dict[str, str]:
-    """Every file under a temporary name first; all of them appear at once, or none."""
+    """Every file under a temporary name first, so many beside each other; all of them appear at once, or none."""
     with staged(list(files.values())) as temporary:
 
         def write(kind: str, target: Path, path: Path) -> None:
             with writing(target, path):
                 writers[kind](path)
 
-        with ThreadPoolExecutor(2) as pool:  # the log and the recording beside each other
+        with ThreadPoolExecutor(at_a_time) as pool:
             for _ in pool.map(write, files.keys(), files.values(), temporary):
                 pass
         also = others()

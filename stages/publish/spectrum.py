@@ -8,6 +8,7 @@ from scipy.fft import next_fast_len
 from physics.interpolation import gap_starts
 from schemas.products import Deformation, FlexureModel
 from schemas.rig import FloatArray
+from stages.slabs import SLAB
 
 SEGMENT = 200.0  # s, length of a Welch segment, at most a quarter of the record
 MAX_LAG = 60.0  # s
@@ -45,10 +46,14 @@ def welch(x: FloatArray, rate: float, length: int) -> FloatArray:
     """One-sided density, the mean over segments of ``length`` samples that overlap by half: Hann, straight line off."""
     segments = np.lib.stride_tricks.sliding_window_view(x, length)[:: length - length // 2]
     k = np.arange(length) - 0.5 * (length - 1)
-    level = segments - segments.mean(axis=1, keepdims=True)
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
-    transform = np.fft.rfft((level - np.outer(level @ k / (k @ k), k)) * window)
-    density = np.mean(transform.real**2 + transform.imag**2, axis=0) / (rate * (window @ window))
+    total = np.zeros(length // 2 + 1)
+    few = max(1, SLAB // length)  # segments at a time
+    for first in range(0, len(segments), few):
+        level = segments[first : first + few] - segments[first : first + few].mean(axis=1, keepdims=True)
+        transform = np.fft.rfft((level - np.outer(level @ k / (k @ k), k)) * window)
+        total += np.sum(transform.real**2 + transform.imag**2, axis=0)
+    density = total / (len(segments) * rate * (window @ window))
     density[1 : (length + 1) // 2] *= 2.0  # not the mean nor, at an even length, the highest frequency
     return np.asarray(density)
 
@@ -62,14 +67,19 @@ def model_spectrum(f: FloatArray, model: FlexureModel) -> FloatArray:
 
 def measured_autocorrelation(theta: FloatArray, lags: int) -> FloatArray:
     """Autocorrelation (lags, 3) of flexure (n, 3), 1 at lag 0."""
-    size = next_fast_len(len(theta) + lags, real=True)  # products that wrap around do not reach these lags
-    raw = np.stack([_correlated(axis - axis.mean(), size)[:lags] for axis in theta.T], axis=1)
+    raw = np.stack([_correlated(axis - axis.mean(), lags) for axis in theta.T], axis=1)
     return raw / np.where(raw[:1] > 0, raw[:1], 1.0)
 
 
-def _correlated(x: FloatArray, size: int) -> FloatArray:
-    spectrum = np.fft.rfft(x, size)
-    return np.fft.irfft(spectrum.real**2 + spectrum.imag**2, size)
+def _correlated(x: FloatArray, lags: int) -> FloatArray:
+    """Sums of products of x (n,) with itself that many samples later, (lags,), a block of x at a time."""
+    block = max(SLAB, lags)
+    out = np.zeros(lags)
+    for start in range(0, len(x), block):
+        first, all_ = x[start : start + block], x[start : start + block + lags]
+        size = next_fast_len(len(all_) + lags, real=True)  # products that wrap around do not reach these lags
+        out += np.fft.irfft(np.fft.rfft(first, size).conj() * np.fft.rfft(all_, size), size)[:lags]
+    return out
 
 
 def model_autocorrelation(lag: FloatArray, model: FlexureModel) -> FloatArray:

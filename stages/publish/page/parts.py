@@ -8,6 +8,7 @@ import numpy as np
 
 from physics.interpolation import gap_starts, usual_interval
 from physics.units import ARCMIN
+from schemas import scratch
 from schemas.products import DeckShape, Deformation, Estimate, Score
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial
@@ -49,10 +50,10 @@ def utc(stamp: int) -> str:
     return str(np.datetime64(int(stamp), "ns").astype("datetime64[s]")).replace("T", " ") + " UTC"
 
 
-def sigma_of(deformation: Deformation) -> FloatArray:
-    """(n, 3) rad, the estimate's own standard deviation; NaN where unknown."""
-    variance = np.diagonal(deformation.covariance, axis1=1, axis2=2)
-    return np.sqrt(np.where(variance >= 0, variance, np.nan))
+def band_of(deformation: Deformation, axis: int, here: slice) -> FloatArray:
+    """(m,) arcmin, three of the estimate's own standard deviations about an axis; NaN where unknown."""
+    variance = deformation.covariance[here, axis, axis]
+    return np.asarray(3.0 / ARCMIN * np.sqrt(np.where(variance >= 0, variance, np.nan)))
 
 
 def ordered(scores: Sequence[Score]) -> list[Score]:
@@ -84,7 +85,8 @@ def whole(trial: Trial) -> Axis:
 def close_up(trial: Trial, deformation: Deformation) -> Axis:
     """The minute in which the deck bends most."""
     t = trial.seconds(deformation.stamp)
-    size = np.nan_to_num(np.linalg.norm(deformation.dynamic_part, axis=1))
+    theta = deformation.dynamic_part
+    size = np.nan_to_num(np.einsum("ki,ki->k", theta, theta))
     middle = float(t[int(size.argmax())]) if len(t) else 0.0
     start = max(float(t[0]), min(middle - 0.5 * CLOSE_UP, float(t[-1]) - CLOSE_UP))
     return Axis(start, start + min(CLOSE_UP, float(t[-1] - t[0])), "time since the start of the trial [s]")
@@ -93,7 +95,9 @@ def close_up(trial: Trial, deformation: Deformation) -> Axis:
 def deformation_plots(trial: Trial, deformation: Deformation, scores: Sequence[Score], x: Axis, title: str) -> Html:
     """Per axis the estimate within ±3σ and every reference, over the stretch of time ``x``."""
     references = [(score, *reference_angles(deformation, score, _every(score.stamp, x))) for score in ordered(scores)]
-    return join(plot(_deformation_plot(trial, deformation, references, i, x, title)) for i in range(3))
+    drawn = join([plot(_deformation_plot(trial, deformation, references, i, x, title)) for i in range(3)])
+    scratch.release(deformation.total, deformation.covariance, *(score.error for score in scores))
+    return drawn
 
 
 def _every(stamp: IntArray, x: Axis) -> int:
@@ -110,9 +114,9 @@ def _deformation_plot(
     x: Axis,
     title: str,
 ) -> Plot:
-    t, value, band = trial.seconds(d.stamp), d.total[:, i] / ARCMIN, 3 * sigma_of(d)[:, i] / ARCMIN
+    t = trial.seconds(d.stamp)
     here, pause = within(t, x), breaks_of(d.stamp)
-    t, value, band = t[here], value[here], band[here]
+    t, value, band = t[here], d.total[here, i] / ARCMIN, band_of(d, i, here)
     parts: list[Line | Band] = [Band(t, value - band, value + band, BLUE, "±3σ", pause)]
     for score, stamp, total in references:
         s = trial.seconds(stamp)
@@ -139,11 +143,13 @@ def gaps(trial: Trial, stamp: IntArray) -> list[tuple[float, float]]:
 
 def error_plots(trial: Trial, deformation: Deformation, scores: Sequence[Score], x: Axis) -> Html:
     """Per axis the error against each reference, within the estimate's own ±3σ."""
-    return join(plot(_error_plot(trial, deformation, ordered(scores), i, x)) for i in range(3))
+    drawn = join([plot(_error_plot(trial, deformation, ordered(scores), i, x)) for i in range(3)])
+    scratch.release(deformation.covariance, *(score.error for score in scores))
+    return drawn
 
 
 def _error_plot(trial: Trial, d: Deformation, scores: Sequence[Score], i: int, x: Axis) -> Plot:
-    t, band = trial.seconds(d.stamp), 3 * sigma_of(d)[:, i] / ARCMIN
+    t, band = trial.seconds(d.stamp), band_of(d, i, slice(None))
     parts: list[Line | Band] = [Band(t, -band, band, BLUE, "±3σ of the estimate", breaks_of(d.stamp))]
     for score in reversed(scores):  # truth on top
         colour, name = REFERENCE_COLOURS[score.reference], f"against {REFERENCE_NAMES[score.reference]}"

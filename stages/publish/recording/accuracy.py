@@ -134,7 +134,7 @@ def _log_innovations(rec: rr.RecordingStream, scene: Scene, innovations: Innovat
     log_key(rec, "accuracy_key/innovations", names, key_lines(innovations))
     send_lines(rec, "innovations", at, scene.trial.epoch, values, innovations.names, colours, 1.0)
     zero = np.zeros((2, 1))
-    send_band(rec, "innovation_bound", stamp[[0, -1]], scene.trial.epoch, zero, zero + 3.0, ["±3"], [GREY], "1")
+    send_band(rec, "innovation_bound", stamp[[0, -1]], scene.trial.epoch, zero, zero + 1.0, ["±3"], [GREY], "1")
 
 
 def windowed_rms(stamp: IntArray, error: FloatArray, window: float) -> tuple[IntArray, FloatArray]:

@@ -155,8 +155,8 @@ def _log_reference(rec: rr.RecordingStream, scene: Scene) -> None:
 
 def _log_estimator(rec: rr.RecordingStream, scene: Scene, colour: Colour) -> None:
     d, name = scene.deformation, scene.deformation.estimator
-    stamp, total = thin_extremes(d.stamp, d.total / ARCMIN, stride(d.stamp, scene.rate))
-    send_axes(rec, f"deformation/{name}", stamp, scene.trial.epoch, total, name, colour)
+    stamp, total = thin_extremes(d.stamp, d.total, stride(d.stamp, scene.rate))
+    send_axes(rec, f"deformation/{name}", stamp, scene.trial.epoch, total / ARCMIN, name, colour)
     for score in scene.scores[:1]:
-        stamp, error = thin_extremes(score.stamp, score.error / ARCMIN, stride(score.stamp, scene.rate))
-        send_axes(rec, f"error/{name}", stamp, scene.trial.epoch, error, name, colour)
+        stamp, error = thin_extremes(score.stamp, score.error, stride(score.stamp, scene.rate))
+        send_axes(rec, f"error/{name}", stamp, scene.trial.epoch, error / ARCMIN, name, colour)

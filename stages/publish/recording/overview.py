@@ -42,6 +42,7 @@ from stages.publish.recording.scene import (
 from stages.publish.recording.stream import send_axes, send_bands, thin_extremes
 from stages.publish.reference import reference_angles
 from stages.publish.verdict import surprise_times, verdict
+from stages.slabs import SLAB
 
 ESTIMATE = "deformation/estimate"
 ALLOWED: Colour = (150, 112, 78)
@@ -136,11 +137,10 @@ def error_view(scene: Scene, axis: int) -> rrb.TimeSeriesView:
 
 def angle_range(scene: Scene, axis: int) -> tuple[float, float]:
     """Limits that show estimate and references whole, and the band unless it is far wider than what it surrounds."""
-    value, band = scene.deformation.total[:, axis], 3 * scene.sigma[:, axis]
     references = [reference_angles(scene.deformation, score, FEW)[1][:, axis] for score in scene.scores]
+    value = scene.deformation.total[:, axis]
     low, high = span_of([part / ARCMIN for part in (value, *references)], zero=False)
-    reach = 0.5 * (high - low)
-    extra = min(float(np.nanmax(band)) / ARCMIN if np.isfinite(band).any() else 0.0, reach)
+    extra = min(_largest_band(scene, axis) or 0.0, 0.5 * (high - low))
     return low - extra, high + extra
 
 
@@ -149,10 +149,16 @@ def error_range(scene: Scene, axis: int) -> tuple[float, float]:
     errors = [score.error[:, axis] / ARCMIN for score in scene.scores]
     running = [running_rmse(score.error[::FEW, axis, None])[:, 0] / ARCMIN for score in scene.scores]
     low, high = span_of([*errors, *running])
-    band = 3 * scene.sigma[:, axis] / ARCMIN
-    reach = 1.15 * float(np.nanmax(band)) if np.isfinite(band).any() else 1.0
+    band = _largest_band(scene, axis)
+    reach = 1.15 * band if band is not None else 1.0
     reach = min(reach, 3.0 * max(-low, high)) if errors else reach
     return min(low, -reach), max(high, reach)
+
+
+def _largest_band(scene: Scene, axis: int) -> float | None:
+    """3 sigma, arcmin, where it is largest; None where it is known nowhere."""
+    sigma = scene.sigma[:, axis]
+    return 3.0 * float(np.nanmax(sigma)) / ARCMIN if np.isfinite(sigma).any() else None
 
 
 def of_axis(entities: list[str], axis: int) -> list[str]:
@@ -165,12 +171,12 @@ def _log_estimate(rec: rr.RecordingStream, scene: Scene) -> None:
     d, every = scene.deformation, 1
     if scene.estimate_rate is not None:
         every = stride(d.stamp, scene.estimate_rate)
-    values, sigma = d.total[::every] / ARCMIN, 3 * scene.sigma[::every] / ARCMIN
-    send_bands(rec, ESTIMATE, d.stamp[::every], scene.trial.epoch, values, sigma, "estimate", BLUE, "arcmin")
+    values, sigma = d.total[::every], scene.sigma[::every]
+    send_bands(rec, ESTIMATE, d.stamp[::every], scene.trial.epoch, values, sigma, "estimate", BLUE, "arcmin", ARCMIN)
     slow = stride(d.stamp, SLOW_RATE)
-    bound = 3 * scene.sigma[::slow] / ARCMIN
+    bound = scene.sigma[::slow]
     zero = np.zeros_like(bound)
-    send_bands(rec, "error/bound", d.stamp[::slow], scene.trial.epoch, zero, bound, "±3σ", GREY, "arcmin")
+    send_bands(rec, "error/bound", d.stamp[::slow], scene.trial.epoch, zero, bound, "±3σ", GREY, "arcmin", ARCMIN)
 
 
 def _log_reference(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
@@ -185,10 +191,10 @@ def _log_error(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
     colour, who = REFERENCE_COLOURS[score.reference], REFERENCE_NAMES[score.reference]
     if (score.reference_noise > 0).any():
         _log_allowed(rec, scene, score)
-    stamp, error = thin_extremes(score.stamp, score.error / ARCMIN, stride(score.stamp, scene.rate))
-    send_axes(rec, f"error/{score.reference}", stamp, scene.trial.epoch, error, f"against {who}", colour)
+    stamp, error = thin_extremes(score.stamp, score.error, stride(score.stamp, scene.rate))
+    send_axes(rec, f"error/{score.reference}", stamp, scene.trial.epoch, error / ARCMIN, f"against {who}", colour)
     slow = stride(score.stamp, SLOW_RATE)
-    stamp, running = score.stamp[::slow], running_rmse(score.error)[::slow] / ARCMIN
+    stamp, running = score.stamp[::slow], running_rmse(score.error, slow) / ARCMIN
     entity, tint = f"running_rmse/{score.reference}", RMSE_COLOURS[score.reference]
     send_axes(rec, entity, stamp, scene.trial.epoch, running, f"RMSE, {who}", tint, 2.5)
 
@@ -196,18 +202,21 @@ def _log_error(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
 def _log_allowed(rec: rr.RecordingStream, scene: Scene, score: Score) -> None:
     """+-3 sigma of estimate and reference together: an error within it contradicts neither."""
     d, slow = scene.deformation, stride(scene.deformation.stamp, SLOW_RATE)
-    bound = 3 * np.hypot(scene.sigma[::slow], score.reference_noise) / ARCMIN
+    bound = np.hypot(scene.sigma[::slow], score.reference_noise)
     zero, name = np.zeros_like(bound), f"±3σ with {REFERENCE_NAMES[score.reference]}'s own"
     entity = f"error/allowed/{score.reference}"
-    send_bands(rec, entity, d.stamp[::slow], scene.trial.epoch, zero, bound, name, ALLOWED, "arcmin")
+    send_bands(rec, entity, d.stamp[::slow], scene.trial.epoch, zero, bound, name, ALLOWED, "arcmin", ARCMIN)
 
 
-def running_rmse(error: FloatArray) -> FloatArray:
-    """RMS (n, k) of all errors up to and including each, per axis."""
-    out = error**2
-    np.cumsum(out, axis=0, out=out)
-    out /= np.arange(1, len(error) + 1)[:, None]
-    return np.sqrt(out, out=out)
+def running_rmse(error: FloatArray, every: int = 1) -> FloatArray:
+    """RMS (n / every, k) of all errors (n, k) up to and including the first, and each so many after it, per axis."""
+    out, before = [], np.zeros(error.shape[1])
+    slab = SLAB // every * every or every
+    for start in range(0, len(error), slab):
+        total = before + np.cumsum(error[start : start + slab] ** 2, axis=0)
+        out.append(total[::every] / np.arange(start + 1, start + len(total) + 1, every)[:, None])
+        before = total[-1]
+    return np.sqrt(np.concatenate(out))
 
 
 def has_track(trial: Trial) -> bool:

@@ -8,9 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from physics.interpolation import usual_interval
+from schemas import scratch
 from schemas.products import Deformation, Result, Score
 from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, IntArray, Trial, Truth
+from stages.slabs import slabs
 
 AXES = ("x (pitch)", "y (roll)", "z (heading)")
 Colour = tuple[int, int, int]
@@ -61,8 +63,13 @@ class Scene:
     @cached_property
     def sigma(self) -> FloatArray:
         """(n, 3) rad, the estimate's own standard deviation per axis; NaN where unknown."""
-        variance = np.diagonal(self.deformation.covariance, axis1=1, axis2=2)
-        return np.sqrt(np.where(variance >= 0, variance, np.nan))
+        covariance = self.deformation.covariance
+        out = scratch.empty(covariance.shape[:2])
+        for part in slabs(len(out)):
+            variance = np.diagonal(covariance[part], axis1=1, axis2=2)
+            out[part] = np.sqrt(np.where(variance >= 0, variance, np.nan))
+        scratch.release(covariance, out)
+        return out
 
 
 def stride(stamp: IntArray, rate: float) -> int:

@@ -8,6 +8,8 @@ import rerun.blueprint as rrb
 
 from physics.interpolation import usual_interval
 from physics.units import DEG
+from schemas import scratch
+from schemas.rig import FloatArray
 from schemas.trial import ImuSeries, Trial
 from stages.publish.axis import span_of
 from stages.publish.best import time_delay
@@ -15,6 +17,7 @@ from stages.publish.recording import layout
 from stages.publish.recording.chart import key_view, log_key
 from stages.publish.recording.scene import AXIS_COLOURS, BLUE, GREEN, ORANGE, PURPLE, Colour, Scene, stride
 from stages.publish.recording.stream import send_band, send_lines, thin_extremes
+from stages.slabs import slabs
 
 UNIT_COLOURS: tuple[Colour, ...] = (GREEN, ORANGE, PURPLE)
 CLOCK_RATE = 5.0  # Hz of the drawn sample intervals; minimum and maximum survive
@@ -34,10 +37,10 @@ def log(rec: rr.RecordingStream, scene: Scene) -> None:
     """Rates, specific forces, sample intervals and the delay."""
     for key, (name, series) in units(scene.trial).items():
         every = stride(series.stamp, scene.rate)
-        for kind, values in (("gyro", series.gyro / DEG), ("accel", series.accel)):
+        for kind, values, unit in (("gyro", series.gyro, DEG), ("accel", series.accel, 1.0)):
             stamp, thinned = thin_extremes(series.stamp, values, every)
             names = [f"{name} {axis}" for axis in "xyz"]
-            send_lines(rec, f"sensors/{kind}/{key}", stamp, scene.trial.epoch, thinned, names, AXIS_COLOURS, 1.0)
+            send_lines(rec, f"sensors/{kind}/{key}", stamp, scene.trial.epoch, thinned / unit, names, AXIS_COLOURS, 1.0)
         _log_intervals(rec, scene, key, name, series)
     log_key(rec, "sensors/key", colours_of(scene.trial))
     _log_delay(rec, scene)
@@ -57,19 +60,19 @@ def _log_delay(rec: rr.RecordingStream, scene: Scene) -> None:
     """The delay as one line with its band over the whole trial."""
     delay = time_delay(scene.deformation)
     stamp = scene.deformation.stamp[[0, -1]]
-    value, band = (np.full((2, 1), 1e3 * float(x)) for x in (delay.value, 3 * delay.std))
-    send_band(rec, "sensors/delay", stamp, scene.trial.epoch, value, band, ["time delay of the sub-IMU"], [BLUE], "ms")
+    value, std = (np.full((2, 1), 1e3 * float(x)) for x in (delay.value, delay.std))
+    send_band(rec, "sensors/delay", stamp, scene.trial.epoch, value, std, ["time delay of the sub-IMU"], [BLUE], "ms")
 
 
 def tab(scene: Scene) -> rrb.Container:
     """A column of gyros, one of accelerometers, clocks below."""
     present = units(scene.trial)
     gyros = [
-        layout.time_view(scene, f"Gyro, {name} [deg/s]", [f"sensors/gyro/{key}"], span_of([unit.gyro / DEG]))
+        layout.time_view(scene, f"Gyro, {name} [deg/s]", [f"sensors/gyro/{key}"], _span(unit.gyro, DEG))
         for key, (name, unit) in present.items()
     ]
     accels = [
-        layout.time_view(scene, f"Specific force, {name} [m/s²]", [f"sensors/accel/{key}"], span_of([unit.accel]))
+        layout.time_view(scene, f"Specific force, {name} [m/s²]", [f"sensors/accel/{key}"], _span(unit.accel))
         for key, (name, unit) in present.items()
     ]
     intervals = [f"sensors/interval/{key}" for key in present]
@@ -81,6 +84,16 @@ def tab(scene: Scene) -> rrb.Container:
     columns = rrb.Horizontal(rrb.Vertical(*gyros), rrb.Vertical(*accels))
     key = key_view("sensors/key", "Colours")
     return rrb.Vertical(key, columns, clocks, row_shares=[0.3, 2.4, 1.35], name="Sensors")
+
+
+def _span(values: FloatArray, unit: float = 1.0) -> tuple[float, float]:
+    """Limits of measurements (n, 3) over their unit, a slab at a time."""
+    ends = []
+    for part in slabs(len(values)):
+        known = np.isfinite(values[part])
+        ends += [extreme(values[part], where=known, initial=0.0) / unit for extreme in (np.min, np.max)]
+    scratch.release(values)
+    return span_of([np.array(ends)])
 
 
 def colours_of(trial: Trial) -> list[tuple[str, Colour]]:

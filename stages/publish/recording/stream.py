@@ -5,7 +5,7 @@ Times go in as integer nanoseconds (timedelta64, datetime64): float seconds woul
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from uuid import NAMESPACE_URL, uuid5
@@ -15,9 +15,11 @@ import rerun as rr
 from rerun.blueprint import Blueprint
 
 from physics.interpolation import gap_starts, usual_interval
+from schemas import scratch
 from schemas.rig import FloatArray
 from schemas.trial import IntArray
 from stages.publish.recording.scene import Colour
+from stages.slabs import SLAB
 
 SLICE = 65_536  # rows per chunk: smaller chunks cost space, larger ones cost the viewer
 TRIAL, UTC = "trial_time", "utc"
@@ -57,19 +59,6 @@ def send_lines(
     width: float = 1.5,
 ) -> None:
     """k lines over time from values (n, k) at stamp (n,) ns, broken at gaps; extremes survive zooming out."""
-    _lines(rec, entity, *break_gaps(stamp, drawn(values)), epoch, names, colours, width)
-
-
-def _lines(
-    rec: rr.RecordingStream,
-    entity: str,
-    stamp: IntArray,
-    values: FloatArray,
-    epoch: int | None,
-    names: Sequence[str],
-    colours: Sequence[Colour],
-    width: float,
-) -> None:
     style = rr.SeriesLines(
         names=list(names),
         colors=list(colours),
@@ -77,7 +66,7 @@ def _lines(
         aggregation_policy=rr.components.AggregationPolicy.MinMax,
     )
     rec.log(entity, style, static=True)
-    for at, block in _slices(stamp, values):
+    for at, block in pieces(stamp, lambda part: values[part]):
         _send(rec, entity, at, epoch, rr.Scalars.columns(scalars=block.ravel()).partition([block.shape[1]] * len(at)))
 
 
@@ -87,30 +76,14 @@ def send_band(
     stamp: IntArray,
     epoch: int | None,
     values: FloatArray,
-    three_sigma: FloatArray,
+    sigma: FloatArray,
     names: Sequence[str],
     colours: Sequence[Colour],
     unit: str,
+    scale: float = 1.0,
 ) -> None:
-    """k lines values (n, k) within their bands of +-3 sigma (n, k); an unknown sigma draws no band."""
-    stamp, both = _with_variance(stamp, values, three_sigma)
-    _band(rec, entity, stamp, both, epoch, names, colours, unit)
-
-
-def _with_variance(stamp: IntArray, values: FloatArray, three_sigma: FloatArray) -> tuple[IntArray, FloatArray]:
-    return break_gaps(stamp, np.hstack([drawn(values), drawn(np.nan_to_num(three_sigma) ** 2)]))
-
-
-def _band(
-    rec: rr.RecordingStream,
-    entity: str,
-    stamp: IntArray,
-    both: FloatArray,
-    epoch: int | None,
-    names: Sequence[str],
-    colours: Sequence[Colour],
-    unit: str,
-) -> None:
+    """k lines values (n, k) within their bands of +-3 sigma (n, k), both over ``scale``; an unknown sigma draws no
+    band."""
     style = rr.Measurements.from_fields(
         names=list(names),
         colors=list(colours),
@@ -120,10 +93,15 @@ def _band(
     )
     rec.log(entity, style, static=True)
     k = len(names)
-    for at, block in _slices(stamp, both):
-        variance = np.nan_to_num(block[:, k:])
+
+    def rows(part: slice) -> FloatArray:
+        return np.hstack([values[part], 3.0 * np.nan_to_num(sigma[part])]) / scale
+
+    for at, block in pieces(stamp, rows):
+        variance = np.nan_to_num(block[:, k:]) ** 2
         columns = rr.Measurements.columns(values=block[:, :k].ravel(), variances=variance.ravel())
         _send(rec, entity, at, epoch, columns.partition([k] * len(at)))
+    scratch.release(values, sigma)
 
 
 def send_axes(
@@ -137,9 +115,8 @@ def send_axes(
     width: float = 1.0,
 ) -> None:
     """Values (n, 3) as one line each under entity/x, entity/y, entity/z, so that a view can show one axis."""
-    stamp, values = break_gaps(stamp, drawn(values))
     for i, axis in enumerate("xyz"):
-        _lines(rec, f"{entity}/{axis}", stamp, values[:, i : i + 1], epoch, [name], [colour], width)
+        send_lines(rec, f"{entity}/{axis}", stamp, epoch, values[:, i : i + 1], [name], [colour], width)
 
 
 def send_bands(
@@ -148,15 +125,17 @@ def send_bands(
     stamp: IntArray,
     epoch: int | None,
     values: FloatArray,
-    three_sigma: FloatArray,
+    sigma: FloatArray,
     name: str,
     colour: Colour,
     unit: str,
+    scale: float = 1.0,
 ) -> None:
-    """Values (n, 3) within +-3 sigma (n, 3), as one band each under entity/x, entity/y, entity/z."""
-    stamp, both = _with_variance(stamp, values, three_sigma)
+    """Values (n, 3) within +-3 sigma (n, 3), both over ``scale``, as one band each under entity/x, entity/y,
+    entity/z."""
     for i, axis in enumerate("xyz"):
-        _band(rec, f"{entity}/{axis}", stamp, both[:, i::3], epoch, [name], [colour], unit)
+        one = slice(i, i + 1)
+        send_band(rec, f"{entity}/{axis}", stamp, epoch, values[:, one], sigma[:, one], [name], [colour], unit, scale)
 
 
 def send_states(
@@ -188,23 +167,21 @@ def times_of(stamp: IntArray, epoch: int | None) -> list[rr.TimeColumn]:
     ]
 
 
-def _slices(stamp: IntArray, values: FloatArray):  # type: ignore[no-untyped-def]
-    for start in range(0, len(stamp), SLICE):
-        yield np.ascontiguousarray(stamp[start : start + SLICE]), values[start : start + SLICE].astype(float)
+def pieces(stamp: IntArray, rows: Callable[[slice], FloatArray]) -> Iterator[tuple[IntArray, FloatArray]]:
+    """Stamps and values of about SLICE rows at a time, with a row of NaN just after the last sample before each gap, so
+    that lines break there. rows: (m, k) of a slice, made when they are sent: all at once would be as large as the log.
 
-
-def drawn(values: FloatArray) -> FloatArray:
-    """Values to the seven digits of single precision: the file compresses better and no eye sees the rest."""
-    return np.asarray(values).astype(np.float32)
-
-
-def break_gaps(stamp: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Stamps and values with a row of NaN just after the last sample before each gap, so that lines break there."""
+    Values come to the seven digits of single precision: the file compresses better and no eye sees the rest.
+    """
     gaps = gap_starts(stamp)
-    if not len(gaps):
-        return stamp, values
-    middle = stamp[gaps] + round(usual_interval(stamp))
-    return np.insert(stamp, gaps + 1, middle), np.insert(values, gaps + 1, np.nan, axis=0)
+    after = round(usual_interval(stamp)) if len(gaps) else 0
+    for start in range(0, len(stamp), SLICE):
+        part = slice(start, min(start + SLICE, len(stamp)))
+        at, values = stamp[part], np.asarray(rows(part)).astype(np.float32)
+        inner = gaps[(gaps >= part.start) & (gaps < part.stop)] - part.start
+        if len(inner):
+            at, values = np.insert(at, inner + 1, at[inner] + after), np.insert(values, inner + 1, np.nan, axis=0)
+        yield np.ascontiguousarray(at), values.astype(float)
 
 
 def thin_extremes(stamp: IntArray, values: FloatArray, factor: int) -> tuple[IntArray, FloatArray]:
@@ -223,12 +200,19 @@ def _thin_run(stamp: IntArray, values: FloatArray, bucket: int) -> tuple[IntArra
     whole = len(stamp) // bucket * bucket
     if not whole:
         return stamp, values
-    cube = values[:whole].reshape(-1, bucket, values.shape[1])
+    slab = SLAB // bucket * bucket or bucket
+    picked = [_extremes(values[k : min(k + slab, whole)], bucket) for k in range(0, whole, slab)]
+    scratch.release(values)
+    times = stamp[:whole].reshape(-1, bucket)[:, [0, bucket // 2]].ravel()
+    return np.concatenate([times, stamp[whole:]]), np.concatenate([*picked, values[whole:]])
+
+
+def _extremes(values: FloatArray, bucket: int) -> FloatArray:
+    """(2 n / bucket, k) least and largest of each bucket, in the order in which they came."""
+    cube = values.reshape(-1, bucket, values.shape[1])
     unknown = np.isnan(cube)
     holes = bool(unknown.any())  # a copy is made only then
     low = (np.where(unknown, np.inf, cube) if holes else cube).argmin(axis=1)
     high = (np.where(unknown, -np.inf, cube) if holes else cube).argmax(axis=1)
     pair = np.stack([np.minimum(low, high), np.maximum(low, high)], axis=1)
-    picked = np.take_along_axis(cube, pair, axis=1).reshape(-1, values.shape[1])
-    times = stamp[:whole].reshape(-1, bucket)[:, [0, bucket // 2]].ravel()
-    return np.concatenate([times, stamp[whole:]]), np.concatenate([picked, values[whole:]])
+    return np.take_along_axis(cube, pair, axis=1).reshape(-1, values.shape[1])

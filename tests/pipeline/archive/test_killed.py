@@ -20,7 +20,7 @@ def gone(group: int) -> bool:
     return False
 
 
-def test_a_killed_batch_loses_nothing_that_was_finished(few, tmp_path, deckflex):
+def test_a_killed_batch_loses_nothing_that_was_finished(few, cluster, tmp_path, deckflex):
     out = tmp_path / "out"
     process = started("batch", few, "-o", out, *CHEAP, "--workers", "1", folder=tmp_path)
     until(lambda: entries(out), "first result")
@@ -31,7 +31,7 @@ def test_a_killed_batch_loses_nothing_that_was_finished(few, tmp_path, deckflex)
     assert 1 <= len(finished) < 6
     check_whole(out)
     before = digest(out)
-    told = json.loads(deckflex("batch", few, "-o", out, *CHEAP, "--workers", "1", "--json").out)
+    told = json.loads(deckflex("batch", few, "-o", out, *CHEAP, "--scheduler", cluster.address, "--json").out)
     assert (told["done"], told["done_before"] + told["same_content"]) == (6 - len(finished), len(finished))
     check_whole(out)
     after = digest(out)

@@ -41,12 +41,11 @@ def told(case: str) -> Diagnosis:
 CASES = {
     "nothing": lambda: log(),
     "delay": lambda: log(DELAY),
-    "delay and scale": lambda: log(DELAY, ("gyro_scale_factor", {"y": 500.0})),
+    "delay and scale": lambda: with_gap(log(DELAY, ("gyro_scale_factor", {"y": 500.0})), 100.0, 130.0),
     "lever": lambda: log(LEVER),
     "mode": lambda: log(MODE),
     "gyros": lambda: without_aids(log(DELAY)),
     "not in the library": lambda: log(DELAY),
-    "gap": lambda: with_gap(log(SCALE), 100.0, 130.0),
     "step": lambda: log(STEP),
 }
 FEW = ("time_delay", "gyro_scale_factor", "accel_bias", "lever_arm", "heel_bending")
@@ -97,7 +96,7 @@ def test_a_delay_is_named_with_its_size_and_closes_the_gap() -> None:
     assert found.tested[0].name == "time_delay"
 
 
-def test_two_effects_at_once_are_both_named() -> None:
+def test_two_effects_at_once_are_both_named_and_a_gap_of_half_a_minute_hides_neither() -> None:
     found = named("delay and scale")
     assert set(found) == {"time_delay", "gyro_scale_factor"}
     assert_sizes(found["time_delay"], {"delay": 0.001})
@@ -159,13 +158,6 @@ def test_what_is_not_in_the_library_is_not_taken_for_something_else() -> None:
     assert "time_delay" not in {row.name for row in found.tested}
     assert found.where
     assert found.advice
-
-
-@pytest.mark.slow
-def test_a_gap_of_half_a_minute_hides_nothing() -> None:
-    found = named("gap")
-    assert "gyro_scale_factor" in found
-    assert_sizes(found["gyro_scale_factor"], SCALE[1])
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Covariance effects: nothing is named on nulls and under mean effects, each effect is, with the right parameters."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,12 @@ def named(candidates):
 
 def best(candidates):
     return max(candidates, key=lambda candidate: candidate.finding.evidence_nats)
+
+
+@cache
+def examined(name):
+    """What is found of a log with one of the cases."""
+    return spectra.examine(*residual_of(7, 240.0, ((name, frozen(CASES[name])),)))
 
 
 def test_what_is_in_proportion_to_the_motion_is_predicted_as_it_was_regressed():
@@ -184,9 +191,7 @@ def test_ten_nulls_name_nothing():
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in FAST else pytest.mark.slow) for name in CASES])
 def test_each_effect_is_the_strongest_with_its_parameters(name):
-    residual, belief = residual_of(7, 240.0, ((name, frozen(CASES[name])),))
-    candidates = spectra.examine(residual, belief)
-    strongest = best(candidates)
+    strongest = best(examined(name))
     assert strongest.finding.name == name
     assert strongest.named
     for key, value in CASES[name].items():
@@ -222,7 +227,7 @@ def test_what_the_twin_says_itself_is_not_found_again():
     residual, belief = residual_of(7, 240.0, ((name, frozen(CASES[name])),))
     told = belief.model_copy(update={"effect": (EffectSpec(name=name, **CASES[name]),)})
     assert not named(spectra.examine(residual, told))
-    assert name in named(spectra.examine(residual, belief))
+    assert name in named(examined(name))
 
 
 def test_pictures_show_the_fitted_spectrum_through_the_measured_one():

@@ -17,7 +17,7 @@ from stages.publish.recording.deck import averaged
 from stages.publish.recording.overview import running_rmse
 from stages.publish.recording.scene import Scene
 from stages.publish.recording.ship import SHOWN_SHARE, bending_factor, bent_line, curvature_colours, outline, round_down
-from stages.publish.recording.stream import break_gaps, thin_extremes
+from stages.publish.recording.stream import SLICE, pieces, thin_extremes
 from stages.publish.spectrum import (
     measured_autocorrelation,
     measured_spectrum,
@@ -48,15 +48,44 @@ def test_thinning_does_not_reach_across_a_gap():
 
 def test_a_break_comes_right_after_the_last_sample():
     stamp = np.array([0, 10, 20, 100, 110], dtype=np.int64)
-    at, values = break_gaps(stamp, np.arange(5.0)[:, None])
+    values = np.arange(5.0)[:, None]
+    ((at, values),) = pieces(stamp, lambda part: values[part])
     np.testing.assert_array_equal(at, [0, 10, 20, 30, 100, 110])
     np.testing.assert_array_equal(np.isnan(values[:, 0]), [False, False, False, True, False, False])
+
+
+def test_pieces_of_a_long_line_are_all_of_it_and_a_gap_at_their_seam_breaks_it():
+    values = np.arange(2.0 * SLICE + 3)[:, None]
+    stamp = 10 * np.arange(len(values), dtype=np.int64)
+    stamp[SLICE:] += 500
+    parts = list(pieces(stamp, lambda part: values[part]))
+    at, drawn = (np.concatenate(together) for together in zip(*parts))
+    assert len(parts) == 3
+    assert at[SLICE] == stamp[SLICE - 1] + 10
+    assert np.flatnonzero(np.isnan(drawn[:, 0])).tolist() == [SLICE]
+    np.testing.assert_array_equal(np.delete(drawn, SLICE, axis=0), values)
+    np.testing.assert_array_equal(np.delete(at, SLICE), stamp)
 
 
 def test_running_rmse_ends_at_the_rmse():
     error = np.random.default_rng(1).standard_normal((500, 3))
     np.testing.assert_allclose(running_rmse(error)[-1], np.sqrt((error**2).mean(axis=0)))
     np.testing.assert_allclose(running_rmse(error)[0], np.abs(error[0]))
+
+
+def test_running_rmse_of_a_long_record_is_that_of_all_before(monkeypatch):
+    error = np.random.default_rng(1).standard_normal((1000, 2))
+    whole = np.sqrt(np.cumsum(error**2, axis=0) / np.arange(1, 1001)[:, None])
+    monkeypatch.setattr("stages.publish.recording.overview.SLAB", 100)
+    np.testing.assert_allclose(running_rmse(error, 7), whole[::7], rtol=1e-12)
+
+
+def test_autocorrelation_of_a_long_record_is_that_of_all_products(monkeypatch):
+    theta = np.random.default_rng(2).standard_normal((1000, 3)).cumsum(axis=0)
+    monkeypatch.setattr("stages.publish.spectrum.SLAB", 128)
+    x = theta - theta.mean(axis=0)
+    direct = np.array([(x[: 1000 - lag] * x[lag:]).sum(axis=0) for lag in range(60)])
+    np.testing.assert_allclose(measured_autocorrelation(theta, 60), direct / direct[0], rtol=0, atol=1e-12)
 
 
 def test_windowed_rms_leaves_empty_windows_out():
