@@ -4,8 +4,10 @@
 
 with, within a run, C_ij = (r/n_i) delta_ij + sigma_b^2 + g^2 (1 - b tau) exp(-b tau), tau = |t_i - t_j|: white noise of
 a mean of n_i samples, the run's own gyro bias, and the rate of a second-order critically damped Gauss-Markov flexure
-(std sigma, inverse time b, g = b sigma) that nothing in X explains. Noise and prior parameters maximise the marginal
-likelihood (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, ch. 5) times weak priors.
+(std sigma, inverse time b, g = b sigma) that nothing in X explains. That is a process of three states, so that C need
+not be written out: rows are divided by its Cholesky factor by the filter whose innovations they are. Noise and prior
+parameters maximise the marginal likelihood (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006,
+ch. 5) times weak priors.
 """
 
 from __future__ import annotations
@@ -14,9 +16,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import minimize
 
+from physics.flexure import noise_covariance, stationary_covariance, transition
+from physics.kalman import FAST
 from schemas.rig import FloatArray
 
 NOISE_CALLS, PRIOR_CALLS = 50, 100  # evaluations of the likelihood in one search
@@ -26,7 +31,8 @@ Precision = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Run:
-    """Rows of one run and one axis. y: (n,) rad/s. X: (n, p). t: (n,) s. count: (n,) samples averaged in each row."""
+    """Rows of one run and one axis. y: (n,) rad/s. X: (n, p). t: (n,) s, increasing. count: (n,) samples averaged in
+    each row."""
 
     y: FloatArray
     X: FloatArray
@@ -74,18 +80,70 @@ class Posterior:
     covariance: FloatArray
 
 
-def covariance(noise: FloatArray, t: FloatArray, count: FloatArray) -> FloatArray:
-    """C (n, n) of one run; noise: logs of r (one sample's variance), g, b, sigma_b."""
-    r, g, b, bias = np.exp(noise)
-    lag = b * np.abs(t[:, None] - t)
-    return np.asarray(np.diag(r / count) + bias**2 + g**2 * (1.0 - lag) * np.exp(-lag))
-
-
 def whitened(run: Run, noise: FloatArray) -> tuple[FloatArray, float]:
-    """[X y] of a run (n, p + 1) divided by the Cholesky factor of C, and log det C."""
-    factor = cholesky(covariance(noise, run.t, run.count), lower=True, check_finite=False)
-    both = solve_triangular(factor, np.column_stack([run.X, run.y]), lower=True, check_finite=False)
-    return np.asarray(both), float(2.0 * np.sum(np.log(np.diag(factor))))
+    """[X y] of a run (n, p + 1) divided by the Cholesky factor of C, and log det C.
+
+    noise: logs of r (one sample's variance), g, b, sigma_b. Raises LinAlgError where C is not positive definite.
+    """
+    r, g, b, bias = np.exp(noise)
+    step = np.diff(run.t, prepend=run.t[0])
+    F, Q = transition(b, b * b, step), noise_covariance(b, b * b, g / b, step)
+    both = np.column_stack([run.X, run.y])
+    log_det = _innovations(F, Q, stationary_covariance(b * b, g / b), bias**2, r / run.count, both)
+    if not np.isfinite(log_det):
+        raise np.linalg.LinAlgError("the noise of a run is not positive definite")
+    return both, float(log_det)
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _innovations(F, Q, P0, bias, R, Y):  # type: ignore[no-untyped-def]
+    """Y (n, c) in place: innovations of columns over their standard deviation; returns the log of its determinant.
+
+    State: theta, theta', a constant of variance bias. Seen: theta' and the constant, with noise of variance R (n,).
+    F, Q: (n, 2, 2) over the step before each row, nothing before the first.
+    """
+    n, c = Y.shape
+    x = np.zeros((3, c))
+    P = np.zeros((3, 3))
+    P[0, 0], P[1, 1], P[2, 2] = P0[0, 0], P0[1, 1], bias
+    h = np.empty(3)
+    before = np.empty(3)
+    log_det = 0.0
+    for k in range(n):
+        f00, f01, f10, f11 = F[k, 0, 0], F[k, 0, 1], F[k, 1, 0], F[k, 1, 1]
+        for j in range(3):
+            before[j] = P[0, j]
+        for j in range(3):
+            P[0, j] = f00 * before[j] + f01 * P[1, j]
+            P[1, j] = f10 * before[j] + f11 * P[1, j]
+        for i in range(3):
+            before[i] = P[i, 0]
+        for i in range(3):
+            P[i, 0] = f00 * before[i] + f01 * P[i, 1]
+            P[i, 1] = f10 * before[i] + f11 * P[i, 1]
+        P[0, 0] += Q[k, 0, 0]
+        P[0, 1] += Q[k, 0, 1]
+        P[1, 0] += Q[k, 1, 0]
+        P[1, 1] += Q[k, 1, 1]
+        for i in range(3):
+            h[i] = P[i, 1] + P[i, 2]
+        S = h[1] + h[2] + R[k]
+        if not S > 0.0:
+            return np.nan
+        log_det += np.log(S)
+        root = 1.0 / np.sqrt(S)
+        for j in range(c):
+            a = f00 * x[0, j] + f01 * x[1, j]
+            d = f10 * x[0, j] + f11 * x[1, j]
+            e = Y[k, j] - d - x[2, j]
+            x[0, j] = a + h[0] / S * e
+            x[1, j] = d + h[1] / S * e
+            x[2, j] += h[2] / S * e
+            Y[k, j] = e * root
+        for i in range(3):
+            for j in range(3):
+                P[i, j] -= h[i] * h[j] / S
+    return log_det
 
 
 def normal(run: Run, noise: FloatArray) -> Normal:

@@ -20,22 +20,39 @@ def runs() -> list[gls.Run]:
     return out
 
 
+def covariance(noise: np.ndarray, t: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """C of one run, number by number."""
+    r, g, b, bias = np.exp(noise)
+    C = np.empty((len(t), len(t)))
+    for i, ti in enumerate(t):
+        for j, tj in enumerate(t):
+            lag = b * abs(ti - tj)
+            C[i, j] = g**2 * (1 - lag) * np.exp(-lag) + bias**2 + (r / count[i] if i == j else 0.0)
+    return C
+
+
 def stacked(runs: list[gls.Run]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    r, g, b, bias = np.exp(NOISE)
-    blocks = []
-    for run in runs:
-        C = np.empty((len(run.t), len(run.t)))
-        for i, ti in enumerate(run.t):
-            for j, tj in enumerate(run.t):
-                lag = b * abs(ti - tj)
-                C[i, j] = g**2 * (1 - lag) * np.exp(-lag) + bias**2 + (r / run.count[i] if i == j else 0.0)
-        blocks.append(C)
+    blocks = [covariance(NOISE, run.t, run.count) for run in runs]
     size = sum(len(C) for C in blocks)
     whole, at = np.zeros((size, size)), 0
     for C in blocks:
         whole[at : at + len(C), at : at + len(C)] = C
         at += len(C)
     return np.vstack([run.X for run in runs]), np.concatenate([run.y for run in runs]), whole
+
+
+@pytest.mark.parametrize("noise", [NOISE, np.log([1e-3, 3.0, 0.02, 5.0]), np.log([1e-9, 1.0, 30.0, 1e-6])])
+def test_rows_are_divided_by_the_cholesky_factor_of_their_covariance(runs: list[gls.Run], noise: np.ndarray) -> None:
+    run = runs[0]
+    white, log_det = gls.whitened(run, noise)
+    C = covariance(noise, run.t, run.count)
+    np.testing.assert_allclose(np.linalg.cholesky(C) @ white, np.column_stack([run.X, run.y]), rtol=1e-6, atol=1e-9)
+    assert log_det == pytest.approx(np.linalg.slogdet(C)[1], abs=1e-7)
+
+
+def test_noise_that_is_none_is_refused(runs: list[gls.Run]) -> None:
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        gls.whitened(runs[0], np.array([-800.0, -800.0, 0.0, -800.0]))
 
 
 def test_posterior_is_the_dense_gaussian_conditional(runs: list[gls.Run]) -> None:
@@ -55,7 +72,7 @@ def test_search_finds_the_noise_that_made_the_data() -> None:
     rng = np.random.default_rng(5)
     true = np.log([0.04, 0.5, 0.4, 1e-3])
     t = np.arange(150) * 0.2
-    factor = np.linalg.cholesky(gls.covariance(true, t, np.ones(150)))
+    factor = np.linalg.cholesky(covariance(true, t, np.ones(150)))
     runs = [gls.Run(factor @ rng.standard_normal(150), np.ones((150, 1)), t, np.ones(150)) for _ in range(4)]
     weak = gls.Guess(np.log([0.2, 0.2, 0.2, 1e-3]), np.array([2.0, 2.0, 1.0, 0.3]))
     nothing = gls.Guess(np.zeros(1), np.ones(1))
