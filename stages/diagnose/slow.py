@@ -13,11 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from scipy.optimize import minimize
 
 from physics.flexure import noise_covariance, stationary_covariance, transition
-from physics.kalman import FAST
+from physics.innovations import innovations
 from physics.normal import solve_normal
 from physics.units import ARCMIN
 from schemas.products import FlexureModel
@@ -112,16 +111,20 @@ def _fit_axis(seen: Angle, axis: int, columns: FloatArray) -> tuple[FloatArray, 
     Y = np.column_stack([seen.theta[:, axis], seen.free[:, axis], columns])
     size = np.sqrt(np.nanmean(Y**2, axis=0))
     Y[:, 1:] /= np.where(size[1:] > 0.0, size[1:], 1.0)
-    Y = np.ascontiguousarray(Y)
-    step = np.array(np.median(np.diff(seen.t)))
-    start = seen.start[axis]
+    steps = np.full(len(Y), float(np.median(np.diff(seen.t))))
+    steps[0] = 0.0
+    which = np.minimum(np.arange(len(Y)), 1)
+    start, noise = seen.start[axis], np.full(len(Y), SEEN**2)
 
     def cost(x: FloatArray) -> float:
         if np.any(np.abs(x - start) > REACH):
             return 1e12
         mu, b2, std = np.exp(x)
-        F, Q = transition(mu, b2, step), noise_covariance(mu, b2, std, step)
-        white, log_det = _whitened(F, Q, stationary_covariance(b2, std), seen.walk * float(step), SEEN**2, Y)
+        F, Q = transition(mu, b2, steps[:2]), noise_covariance(mu, b2, std, steps[:2])
+        white = Y.copy()
+        log_det = innovations(
+            F[which], Q[which], stationary_covariance(b2, std), 0.0, seen.walk * steps, 0, noise, white
+        )
         G = white.T @ white
         value = solve_normal(G[1:, 1:], G[1:, 0])
         prior = float(np.sum((x - seen.believed[axis]) ** 2)) / SHARE**2
@@ -132,42 +135,3 @@ def _fit_axis(seen: Angle, axis: int, columns: FloatArray) -> tuple[FloatArray, 
         found = minimize(cost, best, method="Nelder-Mead", options={"xatol": 2e-3, "fatol": 2e-3, "maxiter": 300})
         best = found.x
     return best, -float(found.fun)
-
-
-@njit(cache=True, nogil=True, fastmath=FAST)
-def _whitened(F, Q, P0, walk, seen, Y):  # type: ignore[no-untyped-def]
-    """Innovations (n, c) over their standard deviation of columns that the same filter sees, and ln det S.
-
-    State: angle, its rate, and a random walk beside the angle. A row whose first entry is NaN was not seen.
-    """
-    n, c = Y.shape
-    out = np.zeros((n, c))
-    x = np.zeros((3, c))
-    P = np.zeros((3, 3))
-    P[:2, :2] = P0
-    log_det = 0.0
-    G = np.zeros((3, 3))
-    G[:2, :2] = F
-    G[2, 2] = 1.0
-    h = np.empty(3)
-    for k in range(n):
-        if not np.isnan(Y[k, 0]):
-            for i in range(3):
-                h[i] = P[i, 0] + P[i, 2]
-            S = h[0] + h[2] + seen
-            root = np.sqrt(S)
-            log_det += np.log(S)
-            for j in range(c):
-                e = Y[k, j] - x[0, j] - x[2, j]
-                out[k, j] = e / root
-                for i in range(3):
-                    x[i, j] += h[i] / S * e
-            P -= np.outer(h, h) / S
-        P = G @ P @ G.T
-        P[:2, :2] += Q
-        P[2, 2] += walk
-        for j in range(c):
-            a = F[0, 0] * x[0, j] + F[0, 1] * x[1, j]
-            x[1, j] = F[1, 0] * x[0, j] + F[1, 1] * x[1, j]
-            x[0, j] = a
-    return out, log_det

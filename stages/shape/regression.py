@@ -16,12 +16,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import minimize
 
 from physics.flexure import noise_covariance, stationary_covariance, transition
-from physics.kalman import FAST
+from physics.innovations import innovations
 from schemas.rig import FloatArray
 
 NOISE_CALLS, PRIOR_CALLS = 50, 100  # evaluations of the likelihood in one search
@@ -89,61 +88,11 @@ def whitened(run: Run, noise: FloatArray) -> tuple[FloatArray, float]:
     step = np.diff(run.t, prepend=run.t[0])
     F, Q = transition(b, b * b, step), noise_covariance(b, b * b, g / b, step)
     both = np.column_stack([run.X, run.y])
-    log_det = _innovations(F, Q, stationary_covariance(b * b, g / b), bias**2, r / run.count, both)
+    constant = np.zeros(len(step))
+    log_det = innovations(F, Q, stationary_covariance(b * b, g / b), bias**2, constant, 1, r / run.count, both)
     if not np.isfinite(log_det):
         raise np.linalg.LinAlgError("the noise of a run is not positive definite")
     return both, float(log_det)
-
-
-@njit(cache=True, nogil=True, fastmath=FAST)
-def _innovations(F, Q, P0, bias, R, Y):  # type: ignore[no-untyped-def]
-    """Y (n, c) in place: innovations of columns over their standard deviation; returns the log of its determinant.
-
-    State: theta, theta', a constant of variance bias. Seen: theta' and the constant, with noise of variance R (n,).
-    F, Q: (n, 2, 2) over the step before each row, nothing before the first.
-    """
-    n, c = Y.shape
-    x = np.zeros((3, c))
-    P = np.zeros((3, 3))
-    P[0, 0], P[1, 1], P[2, 2] = P0[0, 0], P0[1, 1], bias
-    h = np.empty(3)
-    before = np.empty(3)
-    log_det = 0.0
-    for k in range(n):
-        f00, f01, f10, f11 = F[k, 0, 0], F[k, 0, 1], F[k, 1, 0], F[k, 1, 1]
-        for j in range(3):
-            before[j] = P[0, j]
-        for j in range(3):
-            P[0, j] = f00 * before[j] + f01 * P[1, j]
-            P[1, j] = f10 * before[j] + f11 * P[1, j]
-        for i in range(3):
-            before[i] = P[i, 0]
-        for i in range(3):
-            P[i, 0] = f00 * before[i] + f01 * P[i, 1]
-            P[i, 1] = f10 * before[i] + f11 * P[i, 1]
-        P[0, 0] += Q[k, 0, 0]
-        P[0, 1] += Q[k, 0, 1]
-        P[1, 0] += Q[k, 1, 0]
-        P[1, 1] += Q[k, 1, 1]
-        for i in range(3):
-            h[i] = P[i, 1] + P[i, 2]
-        S = h[1] + h[2] + R[k]
-        if not S > 0.0:
-            return np.nan
-        log_det += np.log(S)
-        root = 1.0 / np.sqrt(S)
-        for j in range(c):
-            a = f00 * x[0, j] + f01 * x[1, j]
-            d = f10 * x[0, j] + f11 * x[1, j]
-            e = Y[k, j] - d - x[2, j]
-            x[0, j] = a + h[0] / S * e
-            x[1, j] = d + h[1] / S * e
-            x[2, j] += h[2] / S * e
-            Y[k, j] = e * root
-        for i in range(3):
-            for j in range(3):
-                P[i, j] -= h[i] * h[j] / S
-    return log_det
 
 
 def normal(run: Run, noise: FloatArray) -> Normal:

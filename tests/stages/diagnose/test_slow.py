@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from scipy.stats import multivariate_normal
 
 from physics import flexure
 from physics.units import ARCMIN
@@ -35,25 +33,6 @@ def sine(angle: slow.Angle, period: float) -> np.ndarray:
 
 
 NOTHING = np.zeros((int(LENGTH / STEP), 0))
-
-
-def test_the_innovations_are_those_of_the_joint_distribution() -> None:
-    rng = np.random.default_rng(3)
-    n, noise = 30, 1e-4
-    t = 2.0 * np.arange(n)
-    step = np.array(2.0)
-    F, Q = flexure.transition(MU, 0.02, step), flexure.noise_covariance(MU, 0.02, 1.3, step)
-    lag = np.abs(t[:, None] - t)
-    walk = 0.05 * np.minimum.outer(np.arange(n), np.arange(n))
-    C = flexure.autocorrelation(MU, 0.02, 1.3, lag.ravel()).reshape(n, n) + walk + noise * np.eye(n)
-    y = rng.multivariate_normal(np.zeros(n), C)
-    kept = np.ones(n, dtype=bool)
-    kept[7:12] = False
-    Y = np.where(kept, y, np.nan)[:, None]
-    white, log_det = slow._whitened(F, Q, flexure.stationary_covariance(0.02, 1.3), 0.05, noise, Y)
-    told = -0.5 * (float(white[:, 0] @ white[:, 0]) + log_det + kept.sum() * np.log(2.0 * np.pi))
-    assert not white[7:12].any()
-    assert told == pytest.approx(multivariate_normal(cov=C[np.ix_(kept, kept)]).logpdf(y[kept]), rel=1e-8)
 
 
 def test_slow_flexure_by_itself_is_no_bending_of_the_sun() -> None:
