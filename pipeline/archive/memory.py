@@ -10,8 +10,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from schemas.errors import DataError
+
+if TYPE_CHECKING:
+    from schemas.wire import Log
 
 BASE = 500e6  # bytes that a run takes whatever the log
 PER_MESSAGE = 240.0  # bytes
@@ -26,12 +30,21 @@ def needed(path: Path, diagnosed: bool = False) -> float:
     from schemas.wire import scan_log
 
     try:
-        messages = sum(channel.count or 0 for channel in scan_log(path).channels)
+        log = scan_log(path)
     except DataError:
         return BASE
-    return BASE + (PER_MESSAGE_DIAGNOSED if diagnosed else PER_MESSAGE) * min(
-        messages, path.stat().st_size // SMALLEST_MESSAGE
-    )
+    messages = min(sum(channel.count or 0 for channel in log.channels), path.stat().st_size // SMALLEST_MESSAGE)
+    more = (PER_MESSAGE_DIAGNOSED - PER_MESSAGE) * messages * _section(log) if diagnosed else 0.0
+    return BASE + PER_MESSAGE * messages + more
+
+
+def _section(log: Log) -> float:
+    """The share of a log that is diagnosed at a time."""
+    from stages.diagnose.sections import LONGEST_S
+
+    if log.start is None or log.end is None:
+        return 1.0
+    return min(1.0, LONGEST_S * 1e9 / max(log.end - log.start, 1))
 
 
 def check_memory(path: Path, limit: float | None, diagnosed: bool = False) -> None:
