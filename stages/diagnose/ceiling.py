@@ -1,7 +1,8 @@
 """A generic model that could explain nearly anything of mean effects: what it gains on top of the named ones.
 
 Families of regressors without a name: matrices and transfer functions from the ship's rates and forces to the gyros,
-accelerometers and the deck, products and powers of rates, gains and clocks that change with time, slow PHINS errors.
+accelerometers and the deck, products and powers of rates, gains and clocks that change with time, slow PHINS errors,
+constants beyond their tolerance.
 Held out, a family gains nothing where the named effects are enough; where one does, it says what is not named.
 """
 
@@ -41,6 +42,7 @@ class Family:
     axis: str
 
 
+CONSTANTS = {"gyro bias": "sub.gyro", "accel bias": "sub.accel", "static": "sub.gyro"}  # nuisances by name
 Made = Callable[[LogView], list[Signals]]
 
 
@@ -65,7 +67,22 @@ def families(
         raw = base.response.many(made(view))[:, :width]
         own = _of_unit_size(whitening.whitened_in_place(base.whitened, np.ascontiguousarray(raw)))
         out.append(_family(name, channel, known, own, y))
+    out += [_constant(found, kept, name, channel) for name, channel in CONSTANTS.items()]
     return tuple(sorted(out, key=lambda family: -family.gain.sum()))
+
+
+def _constant(found: Gram, kept: list[int], name: str, channel: str) -> Family:
+    """A constant that a twin knows to its tolerance, beyond that: held out it costs nothing, so that what it saves is
+    told, the cost of its prior less a nat an axis."""
+    own = [k for k in kept if found.names[k] in [f"{name} {axis}" for axis in "xyz"]]
+    free = found.precision.copy()
+    free[own] = 0.0
+    lesser, greater = (solve(found.total, precision, kept) for precision in (found.precision, free))
+    nats = greater.gain - lesser.gain - len(own)
+    size = np.abs(lesser.value[[kept.index(k) for k in own]])
+    axis = "xyz"[int(np.argmax(size))] if own else ""
+    blocks = len(found.blocks)
+    return Family(f"{name} beyond what the twin allows", np.full(blocks, nats / blocks), channel, axis)
 
 
 def _family(name: str, channel: str, known: Table, own: FloatArray, y: FloatArray) -> Family:

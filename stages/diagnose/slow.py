@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 from physics.flexure import noise_covariance, stationary_covariance, transition
 from physics.innovations import innovations
 from physics.normal import solve_normal
-from physics.units import ARCMIN
+from physics.units import ARCMIN, DEG
 from schemas.products import FlexureModel
 from schemas.rig import FloatArray
 from stages.paired import Observations
@@ -28,6 +28,7 @@ EFFECTS = ("thermal_bending", "heel_bending")
 INTERVAL_S = 0.5  # s, between the samples that are looked at, or more:
 MOST_SAMPLES = 4000
 SEEN = 1e-6  # rad, of the angle at a sample
+SILENT = 1.0 * DEG  # rad, one sigma, by which the angle may have changed while the gyros were silent
 HARMONICS = (1, 2, 3)  # half waves over the record that are slow
 SLOWEST_HZ = 0.02  # up to which a column counts as slow
 REACH = np.log(20.0)  # how far the flexure's parameters may go from where they start
@@ -36,14 +37,17 @@ SHARE = 0.3  # of natural logarithms: how well a twin knows its flexure, one sig
 
 @dataclass(frozen=True)
 class Angle:
-    """theta: (n, 3) rad, NaN in gaps. t: (n,) s. free: (n, 3, k), what the gyros' drift may add to each axis. walk:
-    rad^2/s, of the gyros' noise. start, believed: (3, 3) natural logarithms of damping, stiffness and std, one axis a
-    row: where to start, and what the twin says."""
+    """theta: (n, 3) rad, NaN in gaps. t: (n,) s. free: (n, 3, k), what the gyros' drift may add to each axis.
+
+    walk: (n,) rad^2, what a random walk beside the angle grows by before each sample: the gyros' noise, and more where
+    they were silent. start, believed: (3, 3) natural logarithms of damping, stiffness and std, one axis a row: where to
+    start, and what the twin says.
+    """
 
     t: FloatArray
     theta: FloatArray
     free: FloatArray
-    walk: float
+    walk: FloatArray
     start: FloatArray
     believed: FloatArray
 
@@ -60,14 +64,17 @@ def angle(obs: Observations, flexure: FlexureModel, belief: Flexure, walk: float
     """What the gyros show of the angle between the units, thinned out; flexure: to start from; belief: the twin's."""
     t = obs.t[obs.index]
     interval = max(INTERVAL_S, (t[-1] - t[0]) / MOST_SAMPLES)
-    chosen = slice(0, None, max(1, round(interval / float(np.median(np.diff(t))))))
+    every = max(1, round(interval / float(np.median(np.diff(t)))))
+    chosen = slice(0, None, every)
     turned = np.swapaxes(obs.A_end, 1, 2)
     drift = turned @ np.cumsum(obs.A_integral, axis=0)
-    jumps = [turned * (t >= t[k])[:, None, None] for k in np.flatnonzero(obs.jump_s > 0.0)]
-    free = np.concatenate([turned, drift, *jumps], axis=2)
+    free = np.concatenate([turned, drift], axis=2)
+    grown = walk * np.diff(t[chosen], prepend=t[0])
+    after = -(-np.flatnonzero(obs.jump_s > 0.0) // every)  # the first sample that is looked at from there on
+    grown[after[after < len(grown)]] += SILENT**2
     mu = np.array(belief.damping)
     believed = np.log([mu, mu**2 + np.array(belief.frequency) ** 2, np.array(belief.std_arcmin) * ARCMIN]).T
-    return Angle(t[chosen], obs.z[chosen], free[chosen], walk, _logarithms(flexure), believed)
+    return Angle(t[chosen], obs.z[chosen], free[chosen], grown, _logarithms(flexure), believed)
 
 
 def _logarithms(flexure: FlexureModel) -> FloatArray:
@@ -122,9 +129,7 @@ def _fit_axis(seen: Angle, axis: int, columns: FloatArray) -> tuple[FloatArray, 
         mu, b2, std = np.exp(x)
         F, Q = transition(mu, b2, steps[:2]), noise_covariance(mu, b2, std, steps[:2])
         white = Y.copy()
-        log_det = innovations(
-            F[which], Q[which], stationary_covariance(b2, std), 0.0, seen.walk * steps, 0, noise, white
-        )
+        log_det = innovations(F[which], Q[which], stationary_covariance(b2, std), 0.0, seen.walk, 0, noise, white)
         G = white.T @ white
         value = solve_normal(G[1:, 1:], G[1:, 0])
         prior = float(np.sum((x - seen.believed[axis]) ** 2)) / SHARE**2

@@ -15,7 +15,7 @@ from stages.align import align
 from stages.diagnose import columns, instability
 from stages.diagnose.baseline import Baseline, extended
 from stages.diagnose.candidate import FLOOR_NATS
-from stages.diagnose.ceiling import FAMILIES, MAIN_PHINS, SWINGING, SWINGING_PHINS, families
+from stages.diagnose.ceiling import CONSTANTS, FAMILIES, MAIN_PHINS, SWINGING, SWINGING_PHINS, families
 from stages.diagnose.evidence import held_out, solve
 from stages.diagnose.judgement import LEFT_NATS
 from stages.diagnose.latency import main_column, main_match
@@ -65,7 +65,8 @@ def test_no_effect_and_no_generic_family_gains_on_a_log_without_a_gap(bare: Base
     assert max(gained.values()) < FLOOR_NATS
     assert {group.effect for group in found.groups} == set(MEAN) - {"misalignment_step"}  # nothing has stepped
     told = families(bare, view, found.gram, found.columns, kept, bare.whitened.values)
-    assert len(told) == len(FAMILIES) + 2  # and clock and PHINS that swing, whose periods are sought in the log
+    # And clock and PHINS that swing, whose periods are sought in the log.
+    assert len(told) == len(FAMILIES) + len(CONSTANTS) + 2
     assert sum(family.gain.sum() for family in told[:1]) < LEFT_NATS
 
 

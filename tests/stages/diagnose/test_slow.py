@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from physics import flexure
 from physics.units import ARCMIN
@@ -25,7 +26,7 @@ def seen(rng: np.random.Generator, bending: float = 0.0, period: float = 700.0) 
     one = np.repeat(np.eye(3)[None], len(t), axis=0)
     free = np.concatenate([one, one * (t / LENGTH)[:, None, None]], axis=2)
     believed = np.log(np.tile([MU, B2, STD], (3, 1)))
-    return slow.Angle(t, theta, free, WALK, believed, believed)
+    return slow.Angle(t, theta, free, np.full(len(t), WALK * STEP), believed, believed)
 
 
 def sine(angle: slow.Angle, period: float) -> np.ndarray:
@@ -77,3 +78,12 @@ def test_gaps_are_bridged() -> None:
     angle = seen(np.random.default_rng(7), bending=25.0)
     angle.theta[600:700] = np.nan
     assert slow.fit(angle, sine(angle, 700.0)).nats.sum() - slow.fit(angle, NOTHING).nats.sum() > 25.0
+
+
+def test_what_the_angle_changes_by_while_the_gyros_are_silent_is_no_bending() -> None:
+    angle = seen(np.random.default_rng(7), bending=25.0)
+    angle.walk[700] += slow.SILENT**2
+    moved = replace(angle, theta=angle.theta + 40.0 * ARCMIN * (np.arange(len(angle.t)) >= 700)[:, None])
+    gained = [float(np.sum(slow.fit(a, sine(a, 700.0)).nats - slow.fit(a, NOTHING).nats)) for a in (angle, moved)]
+    assert gained[0] > 10.0
+    assert gained[1] == pytest.approx(gained[0], abs=2.0)
