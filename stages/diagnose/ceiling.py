@@ -74,7 +74,7 @@ def families(
 def _constant(found: Gram, kept: list[int], name: str, channel: str) -> Family:
     """A constant that a twin knows to its tolerance, beyond that: held out it costs nothing, so that what it saves is
     told, the cost of its prior less a nat an axis."""
-    own = [k for k in kept if found.names[k] in [f"{name} {axis}" for axis in "xyz"]]
+    own = [k for k in kept if found.names[k] in [f"{name} {axis}" for axis in "xyz"] and found.total[k, k] > 0.0]
     free = found.precision.copy()
     free[own] = 0.0
     lesser, greater = (solve(found.total, precision, kept) for precision in (found.precision, free))
