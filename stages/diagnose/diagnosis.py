@@ -73,18 +73,15 @@ class Evidence:
 def diagnose(
     trial: Trial,
     twin: Twin,
-    *,
-    rng: np.random.Generator | None = None,
-    shrink: bool = True,
-    library: Collection[str] | None = None,
-    progress: Progress | None = None,
+    rng: np.random.Generator,
+    shrink: bool,
+    library: Collection[str] | None,
+    progress: Progress | None,
 ) -> Diagnosis:
-    """Where a log departs from its twin, which effects cause it, how far the gap shrinks.
+    """The diagnosis of a record that can be held whole, as :func:`stages.diagnose.sections.diagnose` says.
 
-    shrink: run the estimator on log, twin and compensated log for the RMSE rows. library: names of the effects that may
-    be named, all by default. Raises DataError where the log cannot be compared with the twin.
+    Raises DataError where the log cannot be compared with the twin.
     """
-    rng = np.random.default_rng(0) if rng is None else rng
     say = progress or (lambda step: None)
     names = tuple(effects.names()) if library is None else tuple(library)
     _comparable(trial, twin)

@@ -81,7 +81,7 @@ def _look_alikes(chosen: Selection, pick: Pick, evidence: float) -> tuple[str, .
     taken = {other.group.effect for other in others} | {pick.group.effect}
     found: dict[str, float] = {}
     for group in chosen.regressors.groups:
-        if group.effect in taken or "time" in group.shape or "time" in pick.group.shape:
+        if group.effect in taken or group.is_event or pick.group.is_event:
             continue
         nats = nats_of(chosen.gram, base, group)
         if nats >= max(ALIKE_SHARE * evidence, evidence - ALIKE_NATS) - 1e-9 and nats > 0.0:

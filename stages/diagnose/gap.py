@@ -31,7 +31,7 @@ def _mean_part(chosen: Selection, names: set[str]) -> FloatArray:
         return np.zeros(len(chosen.gram.blocks))
     named = [pick.group for pick in chosen.picks if pick.group.effect in names]
     # An event sits in one block, of which no other one knows; what a tolerance covers in part is told by its prior.
-    if any("time" in group.shape or group.effect in TOLERATED or group.deck is not None for group in named):
+    if any(group.is_event or group.effect in TOLERATED or group.deck is not None for group in named):
         total = sum(chosen.evidence[name] for name in names if name in chosen.evidence)
         return np.full(len(chosen.gram.blocks), total / len(chosen.gram.blocks))
     return held_out(chosen.gram, base, more)
@@ -57,13 +57,13 @@ def comparisons(
 ) -> tuple[Comparison, ...]:
     """The same for the best effect that was not named, in the named ones' place, and for a placebo."""
     picks = [pick for pick in chosen.picks if pick.group.effect in {finding.name for finding in named}]
-    if not picks or "time" in picks[0].group.shape:
+    if not picks or picks[0].group.is_event:
         return ()
     more = [k for pick in picks for k in chosen.columns(pick)]
     base = [k for k in chosen.explained if k not in more]
     total = held_out_sum(chosen.gram, base, more) + left
     taken = {pick.group.effect for pick in chosen.picks}
-    rivals = [g for g in chosen.regressors.groups if g.effect not in taken and "time" not in g.shape]
+    rivals = [g for g in chosen.regressors.groups if g.effect not in taken and not g.is_event]
     scored = [(held_out_sum(chosen.gram, base, chosen.gram.index(g.names)), g) for g in rivals]
     out = []
     if scored:

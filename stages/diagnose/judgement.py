@@ -56,7 +56,7 @@ def halves_agree(chosen: Selection) -> float:
     """Chi-square per degree of freedom between the parameters of the first and the second half of the log, at worst."""
     worst = 0.0
     for pick in chosen.picks:
-        if "time" not in pick.group.shape:
+        if not pick.group.is_event:
             worst = max(worst, _between_halves(chosen, pick))
     return worst
 

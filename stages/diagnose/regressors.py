@@ -44,6 +44,11 @@ class Group:
     deck: Deck | None = None
 
     @property
+    def is_event(self) -> bool:
+        """Whether it happens at one instant."""
+        return "time" in self.shape
+
+    @property
     def slope(self) -> str:
         """Name of the column of its period, where it is named and has one."""
         return f"{self.effect}|period"

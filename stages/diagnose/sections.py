@@ -42,15 +42,13 @@ def diagnose(
     rng = np.random.default_rng(0) if rng is None else rng
     cuts = sections(trial, longest)
     if len(cuts) == 1:
-        return diagnosis.diagnose(trial, twin, rng=rng, shrink=shrink, library=library, progress=progress)
+        return diagnosis.diagnose(trial, twin, rng, shrink, library, progress)
     told: list[Section] = []
     best: tuple[Diagnosis, Section] | None = None
     for k, (cut, own) in enumerate(zip(cuts, rng.spawn(len(cuts)))):
         say = partial(_say, progress, f"section {k + 1} of {len(cuts)}")
         try:
-            found = diagnosis.diagnose(
-                between(trial, *cut), twin, rng=own, shrink=shrink, library=library, progress=say
-            )
+            found = diagnosis.diagnose(between(trial, *cut), twin, own, shrink, library, say)
         except DataError as error:
             told.append(Section(*cut, None, problem=error.problem))
         else:

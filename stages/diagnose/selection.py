@@ -80,7 +80,7 @@ class Selection:
     def _events(self) -> list[int]:
         """Places of false gyro samples and of steps: what blocks that do not hold them know nothing of."""
         found = self.regressors
-        steps = [name for pick in self.picks if "time" in pick.group.shape for name in _kept(found, pick).names]
+        steps = [name for pick in self.picks if pick.group.is_event for name in _kept(found, pick).names]
         impulses = [k for k, name in enumerate(found.nuisances) if name.startswith("impulse")]
         return [*impulses, *found.gram.index(steps)]
 
@@ -268,22 +268,18 @@ def _fitted(found: Regressors, picks: Sequence[Pick]) -> FloatArray:
     return value
 
 
-def _frozen(found: Regressors, value: FloatArray, events: Sequence[Pick] = ()) -> Gram:
+def _frozen(found: Regressors, value: FloatArray, picks: Sequence[Pick] = ()) -> Gram:
     """False gyro samples and the events among the picks subtracted as they were fitted (K,) to the whole log, because
     blocks that do not hold them know nothing of them."""
     impulses = [k for k, name in enumerate(found.nuisances) if name.startswith("impulse")]
-    places = [*impulses, *found.gram.index(_named(found, _passing(events)))]
+    events = [pick for pick in picks if pick.group.is_event]
+    places = [*impulses, *found.gram.index(_named(found, events))]
     return shifted(found.gram, places, -value[places])
-
-
-def _passing(picks: Sequence[Pick]) -> list[Pick]:
-    """The events among the picks."""
-    return [pick for pick in picks if "time" in pick.group.shape]
 
 
 def _lasting(picks: Sequence[Pick]) -> list[Pick]:
     """Those that are no events."""
-    return [pick for pick in picks if "time" not in pick.group.shape]
+    return [pick for pick in picks if not pick.group.is_event]
 
 
 def _kept(found: Regressors, pick: Pick) -> Group:
@@ -410,7 +406,7 @@ def _makes_sense(found: Regressors, gram: Gram, base: Sequence[int], group: Grou
 
 
 def _score(found: Regressors, gram: Gram, base: Sequence[int], group: Group) -> float:
-    if "time" in group.shape:
+    if group.is_event:
         return event_evidence(found, base, group)
     return nats_of(gram, base, group)
 
@@ -449,7 +445,7 @@ def _thresholds(found: Regressors, gram: Gram, picks: Sequence[Pick], rng: np.ra
     # What linearisation and the motion's model miss grows with the record, as evidence does.
     floor = FLOOR_NATS * max(1.0, length / FLOOR_S)
     out = {group.effect: floor for group in found.groups}
-    groups = [group for group in found.groups if "time" not in group.shape and group.effect not in TOLERATED]
+    groups = [group for group in found.groups if not group.is_event and group.effect not in TOLERATED]
     reached = null_evidence(gram, base, [gram.index(group.names) for group in groups], rng, NULL_DRAWS)
     for group, high in zip(groups, reached):
         out[group.effect] = max(out[group.effect], 1.5 * float(high))
@@ -458,7 +454,7 @@ def _thresholds(found: Regressors, gram: Gram, picks: Sequence[Pick], rng: np.ra
 
 def _picked(base: Baseline, found: Regressors, gram: Gram, picks: Sequence[Pick], group: Group) -> Pick:
     kept, k = _with(found, _lasting(picks)), len(group.names)
-    if "time" in group.shape:
+    if group.is_event:
         impulses = [i for i, name in enumerate(found.nuisances) if name.startswith("impulse")]
         fit = solve(found.gram.total, found.gram.precision, [*kept, *impulses, *found.gram.index(group.names)])
     elif "period" in group.shape:
@@ -477,11 +473,11 @@ def _finished(
     calm = _restored(found, gram, lasting)
     evidence = {}
     for pick in picks:
-        if pick in lasting:
+        if pick.group.is_event:
+            evidence[pick.group.effect] = alone[pick.group.effect]
+        else:
             others = [other for other in lasting if other is not pick]
             evidence[pick.group.effect] = nats_of(calm, _with(found, others), _kept(found, pick))
-        else:
-            evidence[pick.group.effect] = alone[pick.group.effect]
     for name, (score, _) in _scored(found, gram, picks).items():
         evidence[name] = min(score, doubts.get(name, score))
     if wandering is not None:
